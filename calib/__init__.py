@@ -1,0 +1,1 @@
+"""The mathematics: where the cameras stand and look, and where the object is. Pure: numpy in, frozen dataclass out."""

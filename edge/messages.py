@@ -1,0 +1,209 @@
+"""The wire contract: every struct that crosses Zenoh, and its key.
+
+Two programs of different versions, or a program of somebody else's, meet on these bytes. So: unknown fields are
+ignored, missing optional ones defaulted, and everything else that is not exactly what the contract says is refused
+here, at the border, and never inside. JSON has no NaN, but a decoder may still hand on 1e308 or a time in 1970; the
+ranges are therefore checked as well as the types. Who wrote a message is taken from its key, which access control
+checks, never from its payload.
+"""
+
+from typing import Annotated, Final, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from edge.errors import MessageError
+
+VERSION: Final = 1
+ENCODING: Final = "application/json"
+
+CAMERA_TOPICS: Final = ("tracks", "backlog", "lens", "fix", "health")
+STATION_TOPICS: Final = ("network", "targets", "health")
+
+# Four detectors' worth of clutter; a frame that claims more is broken or hostile.
+MAX_DETECTIONS: Final = 1000
+# 2001-09-09 to 2096: outside it a clock was never set.
+MIN_T_UNIX_NS: Final = 1_000_000_000 * 10**9
+MAX_T_UNIX_NS: Final = 4_000_000_000 * 10**9
+
+TimeNs = Annotated[int, Meta(ge=MIN_T_UNIX_NS, le=MAX_T_UNIX_NS)]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+# A pixel may lie a little outside the image (an interpolated row), never far.
+Pixel = Annotated[float, Meta(ge=-1e5, le=1e5)]
+Metre = Annotated[float, Meta(ge=-1e8, le=1e8)]
+Seconds = Annotated[float, Meta(ge=0, le=1e6)]
+Probability = Annotated[float, Meta(ge=0, le=1)]
+Sigma = Annotated[float, Meta(ge=0, le=1e6)]
+SizePx = tuple[Annotated[int, Meta(ge=1, le=65535)], Annotated[int, Meta(ge=1, le=65535)]]
+
+
+class Detection(msgspec.Struct, frozen=True, kw_only=True):
+    """One object in one frame: raw pixel centre, its undistorted ray (z = 1), box size, and how it was come by."""
+
+    track: Annotated[int, Meta(ge=0, le=2**53)]
+    u_px: Pixel
+    v_px: Pixel
+    ray_x: Annotated[float, Meta(ge=-1e3, le=1e3)]
+    ray_y: Annotated[float, Meta(ge=-1e3, le=1e3)]
+    width_px: Annotated[float, Meta(ge=0, le=1e5)]
+    height_px: Annotated[float, Meta(ge=0, le=1e5)]
+    score: Probability
+    sigma_px: Annotated[float, Meta(gt=0, le=1e4)] | None = None
+    classes: dict[str, Probability] | None = None
+    status: Literal["confirmed", "interpolated"]
+
+
+class Tracks(msgspec.Struct, frozen=True, kw_only=True):
+    """What one camera saw in one frame. An empty `detections` means "sees nothing"; silence means "is gone"."""
+
+    t_unix_ns: TimeNs
+    seq: Annotated[int, Meta(ge=0, le=2**53)]
+    epoch: Annotated[int, Meta(ge=0, le=2**53)]
+    clock_bound_s: Seconds | None
+    size_px: SizePx
+    readout_s: Annotated[float, Meta(ge=0, le=1)]
+    detections: Annotated[list[Detection], Meta(max_length=MAX_DETECTIONS)]
+
+
+class Lens(msgspec.Struct, frozen=True, kw_only=True):
+    """A camera's lens as its box knows it; `distortion` in OpenCV's order."""
+
+    model: Literal["radtan", "fisheye"]
+    intrinsics: tuple[float, float, float, float]
+    distortion: Annotated[list[float], Meta(max_length=8)]
+    rms_px: Sigma
+    size_px: SizePx
+    focal_sigma_px: Annotated[float, Meta(gt=0, le=1e5)] | None = None
+
+
+class Fix(msgspec.Struct, frozen=True, kw_only=True):
+    """An averaged antenna position of a camera box: degrees, ellipsoidal metres, one sigma east, north, up."""
+
+    t_unix_ns: TimeNs
+    lat_deg: Annotated[float, Meta(ge=-90, le=90)]
+    lon_deg: Annotated[float, Meta(ge=-180, le=180)]
+    height_m: Annotated[float, Meta(ge=-1000, le=10000)]
+    quality: Annotated[int, Meta(ge=0, le=8)]
+    sigma_m: tuple[Sigma, Sigma, Sigma]
+    frame: str
+    samples: Annotated[int, Meta(ge=1)]
+
+
+HealthLevel = Literal["ok", "warn", "fail"]
+
+
+class HealthItem(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that is or is not well: since when, why, and what to do."""
+
+    name: str
+    level: HealthLevel
+    since_unix_ns: TimeNs
+    reason: str
+    action: str = ""
+
+
+class Health(msgspec.Struct, frozen=True, kw_only=True):
+    """How a program is; `level` is the worst of `items`. `counters` only ever grow within an epoch."""
+
+    t_unix_ns: TimeNs
+    epoch: int
+    level: HealthLevel
+    items: list[HealthItem]
+    counters: dict[str, float]
+
+
+TargetState = Literal["tentative", "confirmed", "coasting", "lost"]
+
+
+class Target(msgspec.Struct, frozen=True, kw_only=True):
+    """One object's state in ECEF; `covariance` is the row-major upper triangle of the 6 x 6 of position, velocity."""
+
+    track: Annotated[int, Meta(ge=0, le=2**32 - 1)]
+    state: TargetState
+    ecef_m: tuple[Metre, Metre, Metre]
+    velocity_m_s: tuple[float, float, float]
+    covariance: Annotated[list[float], Meta(min_length=21, max_length=21)]
+    cameras: list[str]
+    age_s: Seconds
+
+
+class Targets(msgspec.Struct, frozen=True, kw_only=True):
+    """All targets of a station at one instant."""
+
+    t_unix_ns: TimeNs
+    targets: list[Target]
+
+
+class NetworkCamera(msgspec.Struct, frozen=True, kw_only=True):
+    """One calibrated camera: ENU-to-camera rotation (row-major), optical centre, clock, lens as refined."""
+
+    id: Name
+    R_cam_enu: tuple[float, float, float, float, float, float, float, float, float]
+    centre_enu: tuple[Metre, Metre, Metre]
+    sigma_centre_m: tuple[Sigma, Sigma, Sigma]
+    sigma_attitude_rad: tuple[Sigma, Sigma, Sigma]
+    clock_offset_s: float
+    clock_rate: float
+    readout_s: float
+    lens: Lens
+
+
+StationState = Literal["collecting", "calibrated", "suspect"]
+
+
+class NetworkMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The station's calibration state, why it is that, what to do next, and the network in force if there is one."""
+
+    t_unix_ns: TimeNs
+    state: StationState
+    reason: str
+    action: str
+    origin: tuple[float, float, float] | None = None
+    cameras: list[NetworkCamera] = []
+    rms_px: float | None = None
+
+
+MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
+    "cam/tracks": Tracks,
+    "cam/lens": Lens,
+    "cam/fix": Fix,
+    "cam/health": Health,
+    "station/network": NetworkMessage,
+    "station/targets": Targets,
+    "station/health": Health,
+}
+
+Message = TypeVar("Message", bound=msgspec.Struct)
+
+
+def camera_key(site: str, camera: str, topic: str = "") -> str:
+    """The Zenoh key of a camera's topic; without a topic, that of its liveliness token. `camera` may be `*`."""
+    return "/".join(part for part in (f"skyfix/{VERSION}/{site}/cam/{camera}", topic) if part)
+
+
+def station_key(site: str, topic: str = "") -> str:
+    """The Zenoh key of a station's topic; without a topic, that of its liveliness token."""
+    return "/".join(part for part in (f"skyfix/{VERSION}/{site}/station", topic) if part)
+
+
+def camera_of_key(key: str) -> str | None:
+    """The camera a key belongs to, or None if it is not a camera's key. The only way to know a message's author."""
+    parts = key.split("/")
+    return parts[4] if len(parts) >= 5 and parts[0] == "skyfix" and parts[3] == "cam" else None
+
+
+def encode(message: msgspec.Struct) -> bytes:
+    """JSON bytes (UTF-8) of a message."""
+    return msgspec.json.encode(message)
+
+
+def decode(payload: bytes, kind: type[Message], *, where: str) -> Message:
+    """A message from its bytes. Raises MessageError, naming `where`, for anything the contract does not allow."""
+    try:
+        return msgspec.json.decode(payload, type=kind)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise MessageError(
+            f"not a {kind.__name__} message ({error})",
+            where=where,
+            action="check that both ends run the same major version; the message is dropped",
+        ) from error
