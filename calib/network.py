@@ -55,7 +55,8 @@ class Camera:
         rays = pixel_to_ray(self.lens, pixels)
         in_camera = np.column_stack([rays, np.ones(len(rays))])
         bearings: Array = in_camera @ self.R_cam_enu
-        return bearings / np.linalg.norm(bearings, axis=1, keepdims=True)
+        bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+        return bearings
 
     def site_time_s(self, t_unix_ns: NDArray[np.int64], v_px: Array, t_mid_unix_ns: int) -> Array:
         """Seconds (N,) of site time since t_mid_unix_ns at which rows v_px of frames stamped t_unix_ns were exposed."""
