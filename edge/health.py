@@ -1,0 +1,78 @@
+"""What is wrong, since when, and what to do about it. Pure: the caller brings the observations and the time.
+
+Silent failure is what hurts in the field: a camera dead behind a frozen picture, a clock nobody disciplines. But an
+alarm that flickers is soon ignored too. So a fault is raised at once, is only lowered after it has stayed away for a
+while, and keeps the instant at which it began; the level of the whole is that of its worst item.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+from edge.messages import Health, HealthItem, HealthLevel
+
+CLEAR_AFTER_S: Final = 3.0  # s a better level must last before it is believed: longer than a flicker
+SEVERITY: Final[dict[HealthLevel, int]] = {"ok": 0, "warn": 1, "fail": 2}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One observation about one thing, as of now. `action` is what the operator should do; empty if nothing."""
+
+    name: str
+    level: HealthLevel
+    reason: str
+    action: str = ""
+
+
+@dataclass(frozen=True)
+class _Held:
+    """The level shown for one thing, since when, and since when the observations have been better than it."""
+
+    check: Check
+    since_unix_ns: int
+    better_since_unix_ns: int | None = None
+
+
+class HealthBoard:
+    """Turns observations into a Health message, with memory. Names not observed in a call are dropped."""
+
+    def __init__(self, epoch: int, clear_after_s: float = CLEAR_AFTER_S) -> None:
+        self._epoch = epoch
+        self._clear_after_ns = round(clear_after_s * 1e9)
+        self._held: dict[str, _Held] = {}
+
+    def update(self, now_unix_ns: int, checks: Iterable[Check], counters: Mapping[str, float]) -> Health:
+        """The health as of `now_unix_ns`. Worse levels show at once, better ones after they have lasted."""
+        self._held = {check.name: self._next(self._held.get(check.name), check, now_unix_ns) for check in checks}
+        items = [_item(held) for held in self._held.values()]
+        level = worst(item.level for item in items)
+        return Health(
+            t_unix_ns=now_unix_ns, epoch=self._epoch, level=level, items=items, counters=dict(sorted(counters.items()))
+        )
+
+    def _next(self, held: _Held | None, check: Check, now: int) -> _Held:
+        if held is None or SEVERITY[check.level] > SEVERITY[held.check.level]:
+            return _Held(check, now)
+        if check.level == held.check.level:
+            return _Held(check, held.since_unix_ns)
+        better_since = now if held.better_since_unix_ns is None else held.better_since_unix_ns
+        if now - better_since >= self._clear_after_ns:
+            return _Held(check, better_since)
+        return replace(held, better_since_unix_ns=better_since)
+
+
+def worst(levels: Iterable[HealthLevel]) -> HealthLevel:
+    """The worst of some levels; "ok" of none."""
+    return max(levels, key=SEVERITY.__getitem__, default="ok")
+
+
+def _item(held: _Held) -> HealthItem:
+    check = held.check
+    return HealthItem(
+        name=check.name,
+        level=check.level,
+        since_unix_ns=held.since_unix_ns,
+        reason=check.reason,
+        action=check.action,
+    )
