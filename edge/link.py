@@ -10,7 +10,8 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from types import TracebackType
 from typing import Final, NamedTuple, Self
 
@@ -28,6 +29,7 @@ STALE_NS: Final = 1_000_000_000  # a live message older than this is not sent
 REOPEN_S: Final = 0.5  # between attempts to open a session
 STATE_POLL_S: Final = 5.0  # how often late-joiner state is asked for, beside every arrival
 QUERY_TIMEOUT_S: Final = 2.0
+MAX_REPLIES: Final = 2048  # to one question; an honest answer has a dozen, or one per camera
 CLOSE_S: Final = 2.5  # the share of the 3 s shutdown budget that closing may take
 
 _URGENT_TOPICS: Final = ("tracks", "targets")
@@ -49,6 +51,26 @@ class _Outgoing(NamedTuple):
     key: str
     payload: bytes
     t_monotonic_ns: int
+
+
+class Request:
+    """A question to one of our keys. Whoever took it from the inbox answers from his own thread, or lets it fall."""
+
+    def __init__(self, key: str, query: zenoh.Query) -> None:
+        self._key = key
+        self._query = query
+
+    @property
+    def parameters(self) -> dict[str, str]:
+        """What came after the `?` of the selector, as text; the asker may have written anything there."""
+        pairs = (part.partition("=") for part in str(self._query.parameters).split(";"))
+        return {name: value for name, _, value in pairs if name}
+
+    def answer(self, payloads: Iterable[bytes]) -> None:
+        """Send these replies, each a message of its own, and end the question. An asker who left is no error."""
+        with suppress(zenoh.ZError), self._query:
+            for payload in payloads:
+                self._query.reply(self._key, payload, encoding=messages.ENCODING)
 
 
 class Link:
@@ -172,6 +194,39 @@ class Link:
         self._wish(lambda session: session.liveliness().declare_subscriber(key_expr, notice, history=True))
         return inbox
 
+    def serve(self, key: str, capacity: int = 32) -> Inbox[Request]:
+        """Questions asked of this key, to be answered in the caller's own time."""
+        inbox: Inbox[Request] = Inbox(capacity)
+        self._wish(lambda session: session.declare_queryable(key, lambda query: inbox.put(Request(key, query))))
+        return inbox
+
+    def ask(self, selector: str, timeout_s: float = QUERY_TIMEOUT_S) -> list[Received]:
+        """All replies to a question, at low priority. Blocks up to timeout_s: not for a loop that measures."""
+        replies: Inbox[Received] = Inbox(MAX_REPLIES)
+        done = threading.Event()
+
+        def receive(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                self._receive(reply.ok, replies)
+
+        def get(session: zenoh.Session) -> None:
+            session.get(
+                selector,
+                zenoh.handlers.Callback(receive, done.set),
+                consolidation=zenoh.ConsolidationMode.NONE,  # by default several replies on one key collapse to one
+                priority=zenoh.Priority.DATA_LOW,  # replies inherit it: what is late must not delay what is live
+                timeout=timeout_s,
+            )
+
+        self._wish(get)
+        done.wait(timeout_s + 0.5)
+        return replies.drain()
+
+    @property
+    def bell(self) -> threading.Event:
+        """Rung at every arrival; for inboxes that others fill beside the link's own."""
+        return self._bell
+
     def wait(self, timeout_s: float) -> bool:
         """Wait until something arrived in any inbox since the last call; False after timeout_s without."""
         rung = self._bell.wait(timeout_s)
@@ -267,7 +322,8 @@ class Link:
             self._wishes.clear()
             self._outgoing.clear()
         for declare in wishes:
-            self._declared.append(declare(session))
+            if (declared := declare(session)) is not None:
+                self._declared.append(declared)
         for item in outgoing:
             self._send(session, item)
         if self._patience_s() == 0:

@@ -22,6 +22,8 @@ STATION_TOPICS: Final = ("network", "targets", "health")
 
 # Four detectors' worth of clutter; a frame that claims more is broken or hostile.
 MAX_DETECTIONS: Final = 1000
+# A box asked for more at once would be kept from its live work; ten seconds of a 30 Hz camera.
+MAX_BACKLOG_ROWS: Final = 300
 # 2001-09-09 to 2096: outside it a clock was never set.
 MIN_T_UNIX_NS: Final = 1_000_000_000 * 10**9
 MAX_T_UNIX_NS: Final = 4_000_000_000 * 10**9
@@ -161,6 +163,33 @@ class NetworkMessage(msgspec.Struct, frozen=True, kw_only=True):
     origin: tuple[float, float, float] | None = None
     cameras: list[NetworkCamera] = []
     rms_px: float | None = None
+
+
+class SpooledEpoch(msgspec.Struct, frozen=True, kw_only=True):
+    """What a box still has on disk of one run of its program: sequence numbers first to last, `rows` of them."""
+
+    epoch: Annotated[int, Meta(ge=0, le=2**53)]
+    first_seq: Annotated[int, Meta(ge=0, le=2**53)]
+    last_seq: Annotated[int, Meta(ge=0, le=2**53)]
+    rows: Annotated[int, Meta(ge=0, le=2**53)]
+
+
+class Inventory(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer to `backlog` without parameters: what the box could still deliver."""
+
+    epochs: Annotated[list[SpooledEpoch], Meta(max_length=10_000)]
+
+
+class Backlog(msgspec.Struct, frozen=True, kw_only=True):
+    """One answer to `backlog?epoch=E;first=A;last=Z`: every Tracks kept of these sequence numbers, as it was sent.
+
+    One question gets several answers; what lies between first_seq and last_seq and is not in `tracks` is gone for good.
+    """
+
+    epoch: Annotated[int, Meta(ge=0, le=2**53)]
+    first_seq: Annotated[int, Meta(ge=0, le=2**53)]
+    last_seq: Annotated[int, Meta(ge=0, le=2**53)]
+    tracks: Annotated[list[msgspec.Raw], Meta(max_length=MAX_BACKLOG_ROWS)]
 
 
 MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {

@@ -1,6 +1,5 @@
 """A link over real Zenoh sessions on loopback: whoever starts first, they find each other, and nothing waits."""
 
-import socket
 import time
 from collections.abc import Callable
 
@@ -26,28 +25,12 @@ def tracks(seq: int) -> Tracks:
     )
 
 
-@pytest.fixture
-def endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
 def base(endpoint: str) -> Link:
     return Link(LinkSettings(listen=(endpoint,)), name="base")
 
 
 def box(endpoint: str) -> Link:
     return Link(LinkSettings(connect=(endpoint,)), name="box")
-
-
-def until(condition: Callable[[], object], within_s: float = 5.0) -> bool:
-    deadline = time.monotonic() + within_s
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.01)
-    return False
 
 
 def publish_until_heard(link: Link, inbox: Inbox[Received], key: str, within_s: float) -> float:
@@ -110,7 +93,7 @@ def test_presence_appears_and_vanishes(endpoint: str) -> None:
         assert (departure.key, departure.alive) == (token, False)
 
 
-def test_publishing_without_a_session_neither_blocks_nor_grows(endpoint: str) -> None:
+def test_publishing_without_a_session_neither_blocks_nor_grows(endpoint: str, until: Callable[..., bool]) -> None:
     # A client without its router cannot open a session at all.
     with Link(LinkSettings(mode="client", connect=(endpoint,)), name="lonely") as link:
         start = time.monotonic()

@@ -1,0 +1,188 @@
+"""Fetching what the live way lost: the station asks each box for the sequence numbers it lacks, until it has them all.
+
+What comes this way is late: it belongs in the recording and in `solve`, and must never touch live tracking, whose
+filters have long moved on. It comes through an inbox of its own, under the `backlog` key. The questions are small and
+spaced, at low priority, so that live messages are not delayed by an hour's worth of history. What is already here is
+remembered over a restart, in a file that is ten seconds behind on purpose: after a power cut the recording may have
+lost its last seconds, and then the memory of having had them must be lost too.
+"""
+
+import logging
+import threading
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+import msgspec
+
+from calib.station.ledger import Gap, Ledger, Ranges
+from edge.atomic import write_atomically
+from edge.errors import MessageError
+from edge.inbox import Inbox, Received
+from edge.link import Link
+from edge.messages import Backlog, Inventory, Tracks, camera_key, camera_of_key, decode
+
+log = logging.getLogger(__name__)
+
+POLL_S: Final = 2.0  # between inventories; a lost message is in the recording about two of them later
+PAUSE_S: Final = 0.2  # between questions to all boxes
+ROWS_PER_QUESTION: Final = 100  # with PAUSE_S: 500 rows a second and camera, 17 times live
+LATE_CAPACITY: Final = 20_000  # rows; asking stops while the station has half of that to write
+SAVE_EVERY_POLLS: Final = 5  # and a save is of the state at the save before
+CLOSE_S: Final = 2.5
+
+
+class BackfillCounters(msgspec.Struct, frozen=True, kw_only=True):
+    """What backfilling did so far; `missing` goes down again, the others only grow."""
+
+    missing: int  # known to be on the boxes and not yet here
+    recovered: int
+    gone: int  # numbers whose rows no box has any more
+    refused: int  # answers that were not what was asked
+
+
+class Backfill:
+    """Asks the boxes of a site for what is missing. `late` holds what came, under `.../cam/<camera>/backlog` keys."""
+
+    def __init__(self, link: Link, site: str, memory: Path | None = None) -> None:
+        """memory: a file that remembers over restarts what the station has; None: ask anew for everything."""
+        self._link = link
+        self._site = site
+        self._memory = memory
+        self.late: Inbox[Received] = Inbox(LATE_CAPACITY, link.bell)
+        self._lock = threading.Lock()
+        self._ledger = _load(memory) if memory is not None else Ledger()
+        self._to_save = self._ledger.to_json()
+        self._missing: dict[str, list[Gap]] = {}
+        self._reachable: set[str] = set()  # cameras that answered the last question for inventories
+        self._counts = dict.fromkeys(BackfillCounters.__struct_fields__, 0)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="backfill", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop asking; returns within 2.5 s."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_S)
+
+    def have(self, camera: str, tracks: Tracks) -> None:
+        """Note a live message that was recorded."""
+        with self._lock:
+            self._ledger.have(camera, tracks.epoch, tracks.seq, tracks.seq)
+
+    @property
+    def counters(self) -> BackfillCounters:
+        """What backfilling did so far."""
+        with self._lock:
+            missing = sum(len(gap) for gaps in self._missing.values() for gap in gaps)
+            return BackfillCounters(**(self._counts | {"missing": missing}))
+
+    # The thread
+
+    def _run(self) -> None:
+        polls = 0
+        while not self._stop.wait(PAUSE_S):
+            self._take_stock()
+            polls += 1
+            if polls % SAVE_EVERY_POLLS == 0:
+                self._save()
+            self._fetch_for(POLL_S)
+
+    def _take_stock(self) -> None:
+        self._reachable.clear()
+        for answer in self._link.ask(camera_key(self._site, "*", "backlog")):
+            camera = camera_of_key(answer.key)
+            try:
+                inventory = decode(answer.payload, Inventory, where=answer.key)
+            except MessageError as error:
+                self._refuse(str(error))
+                continue
+            if camera is not None:
+                self._reachable.add(camera)
+                with self._lock:
+                    self._missing[camera] = self._ledger.gaps(camera, inventory.epochs)
+
+    def _fetch_for(self, seconds: float) -> None:
+        """Ask each camera in turn for its next stretch, for about so long."""
+        for _ in range(round(seconds / PAUSE_S)):
+            for camera in sorted(self._reachable):
+                gaps = self._missing[camera]
+                if gaps and len(self.late) < LATE_CAPACITY // 2 and not self._stop.is_set():
+                    self._fetch(camera, gaps[0])
+            if self._stop.wait(PAUSE_S):
+                return
+
+    def _fetch(self, camera: str, gap: Gap) -> None:
+        wanted = Gap(gap.epoch, gap.first_seq, min(gap.last_seq, gap.first_seq + ROWS_PER_QUESTION - 1))
+        key = camera_key(self._site, camera, "backlog")
+        question = f"{key}?epoch={wanted.epoch};first={wanted.first_seq};last={wanted.last_seq}"
+        for answer in self._link.ask(question):
+            if answer.key == key:
+                self._accept(camera, wanted, answer)
+
+    def _accept(self, camera: str, wanted: Gap, answer: Received) -> None:
+        try:
+            backlog = decode(answer.payload, Backlog, where=answer.key)
+            rows = [(raw, decode(bytes(raw), Tracks, where=answer.key)) for raw in backlog.tracks]
+        except MessageError as error:
+            self._refuse(str(error))
+            return
+        covered = range(max(backlog.first_seq, wanted.first_seq), min(backlog.last_seq, wanted.last_seq) + 1)
+        if any(tracks.epoch != wanted.epoch or tracks.seq not in covered for _, tracks in rows) or not covered:
+            self._refuse(f"{answer.key}: rows that were not asked for")
+            return
+        for raw, _ in rows:
+            self.late.put(Received(answer.key, bytes(raw), answer.t_monotonic_ns))
+        self._settle(camera, wanted.epoch, covered, len(rows))
+
+    def _settle(self, camera: str, epoch: int, covered: range, rows: int) -> None:
+        with self._lock:
+            self._ledger.have(camera, epoch, covered[0], covered[-1])
+            self._counts["recovered"] += rows
+            self._counts["gone"] += len(covered) - rows
+            self._missing[camera] = [
+                rest
+                for gap in self._missing[camera]
+                for rest in (_without(gap, covered) if gap.epoch == epoch else [gap])
+            ]
+
+    def _refuse(self, why: str) -> None:
+        log.debug("backlog answer refused: %s", why)
+        with self._lock:
+            self._counts["refused"] += 1
+
+    def _save(self) -> None:
+        if self._memory is None:
+            return
+        with self._lock:
+            previous, self._to_save = self._to_save, self._ledger.to_json()
+        try:
+            write_atomically(self._memory, previous)
+        except OSError as error:
+            log.warning(
+                "%s: cannot be written (%s); after a restart more is asked for than needed", self._memory, error
+            )
+
+
+def _without(gap: Gap, covered: range) -> list[Gap]:
+    rest = Ranges([(covered[0], covered[-1])]).missing(gap.first_seq, gap.last_seq)
+    return [Gap(gap.epoch, first, last) for first, last in rest]
+
+
+def _load(memory: Path) -> Ledger:
+    try:
+        return Ledger.from_json(memory.read_bytes())
+    except FileNotFoundError:
+        return Ledger()
+    except (OSError, msgspec.MsgspecError, ValueError) as error:
+        log.warning("%s: cannot be read (%s); the boxes are asked for everything they have", memory, error)
+        return Ledger()

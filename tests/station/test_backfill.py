@@ -1,0 +1,104 @@
+"""The station gets every row it lacks from a real spool over a real session, once, and never as live data."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from calib.station.backfill import Backfill
+from calib.station.ledger import Gap
+from edge.inbox import Inbox, Received
+from edge.link import Link
+from edge.link_profile import LinkSettings
+from edge.messages import Backlog, Tracks, camera_key, decode, encode
+from edge.spool import Spool, SpoolSettings
+
+SITE = "field"
+KEY = camera_key(SITE, "cam0", "backlog")
+
+
+def tracks(seq: int, epoch: int = 1) -> Tracks:
+    return Tracks(
+        t_unix_ns=1_700_000_000_000_000_000 + seq,
+        seq=seq,
+        epoch=epoch,
+        clock_bound_s=None,
+        size_px=(1280, 720),
+        readout_s=0.0,
+        detections=[],
+    )
+
+
+@pytest.fixture
+def rooms(endpoint: str, tmp_path: Path) -> Iterator[tuple[Link, Spool]]:
+    """The station's link, and a box's spool at its other end."""
+    with ExitStack() as stack:
+        base = stack.enter_context(Link(LinkSettings(listen=(endpoint,)), name="base"))
+        box = stack.enter_context(Link(LinkSettings(connect=(endpoint,)), name="box"))
+        settings = SpoolSettings(file=str(tmp_path / "spool.sqlite"))
+        yield base, stack.enter_context(Spool(settings, box.serve(KEY)))
+
+
+def keep(spool: Spool, seqs: range, epoch: int = 1) -> None:
+    for seq in seqs:
+        spool.keep(epoch, seq, tracks(seq).t_unix_ns, encode(tracks(seq, epoch)))
+
+
+def late_seqs(inbox: Inbox[Received]) -> list[tuple[int, int]]:
+    rows = [decode(item.payload, Tracks, where=item.key) for item in inbox.drain()]
+    return [(row.epoch, row.seq) for row in rows]
+
+
+def test_gets_what_it_lacks_and_no_more(rooms: tuple[Link, Spool], until: Callable[..., bool], tmp_path: Path) -> None:
+    base, spool = rooms
+    memory = tmp_path / "memory.json"
+    keep(spool, range(20), epoch=1)
+    keep(spool, range(600), epoch=2)
+    heard = [*range(100), *range(350, 600)]
+    lacking = [(2, seq) for seq in range(100, 350)] + [(1, seq) for seq in range(20)]
+    with Backfill(base, SITE, memory) as backfill:
+        for seq in heard:
+            backfill.have("cam0", tracks(seq, epoch=2))
+        assert until(lambda: backfill.counters.recovered == 270, within_s=15)
+        assert late_seqs(backfill.late) == lacking, "newest run first, each row once"
+        backfill._save()
+        backfill._save()  # a save is of the state at the save before
+    with Backfill(base, SITE, memory) as backfill:
+        assert backfill._ledger.gaps("cam0", []) == []
+        keep(spool, range(600, 640), epoch=2)
+        assert until(lambda: backfill.counters.recovered == 40, within_s=15)
+        assert late_seqs(backfill.late) == [(2, seq) for seq in range(600, 640)]
+
+
+def answer(first: int, last: int, *seqs: int, epoch: int = 1) -> bytes:
+    raws = [msgspec.Raw(encode(tracks(seq, epoch))) for seq in seqs]
+    return encode(Backlog(epoch=epoch, first_seq=first, last_seq=last, tracks=raws))
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"garbage",
+        b"[" * 100_000,
+        answer(0, 9, 3, epoch=5),  # another run than was asked for
+        answer(5, 9, 3),  # a row outside what the answer says it covers
+        answer(20, 30, 25),  # nothing that was asked for
+        answer(0, 9, 3).replace(b'"seq":3', b'"seq":-3'),
+    ],
+)
+def test_refuses_answers_to_other_questions(payload: bytes) -> None:
+    backfill = Backfill(Link(LinkSettings()), SITE)
+    backfill._missing["cam0"] = [Gap(1, 0, 9)]
+    backfill._accept("cam0", Gap(1, 0, 9), Received(KEY, payload, 0))
+    assert (backfill.counters.refused, backfill.counters.missing, len(backfill.late)) == (1, 10, 0)
+
+
+def test_what_is_gone_is_counted_and_not_asked_again() -> None:
+    backfill = Backfill(Link(LinkSettings()), SITE)
+    backfill._missing["cam0"] = [Gap(1, 0, 9)]
+    backfill._accept("cam0", Gap(1, 0, 9), Received(KEY, answer(0, 7, 2, 5), 0))
+    assert backfill.counters.gone == 6
+    assert backfill.counters.missing == 2
+    assert backfill._missing["cam0"] == [Gap(1, 8, 9)]
