@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from edge import settings
 from edge.errors import ConfigError
 
 Metres3 = tuple[float, float, float]
@@ -145,13 +146,7 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 def load(path: Path) -> Simulation:
     """The scene of a TOML file. Raises ConfigError naming file and key."""
-    try:
-        scene = msgspec.toml.decode(path.read_bytes(), type=Simulation)
-    except OSError as error:
-        raise ConfigError(f"cannot be read ({error.strerror})", where=str(path), action="check the path") from error
-    except msgspec.MsgspecError as error:
-        action = "correct it; tools/scenes/description.py lists every key"
-        raise ConfigError(str(error), where=str(path), action=action) from error
+    scene = settings.load(path, Simulation)
     _refuse_duplicates([camera.id for camera in scene.camera], "camera id", path)
     _refuse_duplicates([thing.name for thing in scene.object], "object name", path)
     return scene

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from calib.network import POSE_SIZE, Camera, Network
 from calib.observations import Observations, Scene, SiteCamera
-from edge.lens import Array, LensModel
+from edge.lens import Array
+from tools.scenes import errors
 from tools.scenes.camera import Sighting, TrueCamera, true_camera
 from tools.scenes.description import Simulation
 from tools.scenes.flight import Flight, flight
@@ -37,6 +37,19 @@ class Stream(IntEnum):
     LENS = 5
     FRAMES = 6
     OUTLIER = 7
+
+
+@dataclass(frozen=True)
+class Streams:
+    """The random streams of one camera in one trial, each fresh whenever it is asked for."""
+
+    seed: int
+    trial: int
+    camera: int
+
+    def __getitem__(self, stream: Stream) -> np.random.Generator:
+        entropy = (self.seed, self.trial, self.camera, int(stream))
+        return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))
 
 
 @dataclass(frozen=True)
@@ -101,11 +114,11 @@ def watch(simulation: Simulation) -> Watched:
 def disturb(watched: Watched, trial: int = 0) -> Simulated:
     """Draw all errors of one trial onto a watched scene."""
     simulation = watched.simulation
-    rows = {camera.description.id: _report(watched, number, trial) for number, camera in enumerate(watched.cameras)}
-    site_cameras = tuple(
-        _published(camera, lambda stream, n=number: _rng(simulation.seed, trial, n, stream))
-        for number, camera in enumerate(watched.cameras)
-    )
+    streams = [Streams(simulation.seed, trial, number) for number in range(len(watched.cameras))]
+    rows = {
+        camera.description.id: _report(watched, stream) for camera, stream in zip(watched.cameras, streams, strict=True)
+    }
+    site_cameras = tuple(map(_published, watched.cameras, streams))
     observations = {
         camera.description.id: _observations(rows[camera.description.id], camera) for camera in watched.cameras
     }
@@ -119,80 +132,24 @@ def disturb(watched: Watched, trial: int = 0) -> Simulated:
     )
 
 
-def _rng(seed: int, trial: int, camera: int, stream: Stream) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence((seed, trial, camera, int(stream)))))
-
-
-def _report(watched: Watched, number: int, trial: int) -> Rows:
+def _report(watched: Watched, rng: Streams) -> Rows:
     """All rows of one camera: every object's noisy pixels, and the clutter."""
-    simulation, camera = watched.simulation, watched.cameras[number]
-    stamps = watched.stamps_ns[number]
-
-    def rng(stream: Stream) -> np.random.Generator:
-        return _rng(simulation.seed, trial, number, stream)
-
-    delivered = _delivered(camera, stamps, rng(Stream.FRAMES))
-    noise, drift, dropout = rng(Stream.NOISE), rng(Stream.DRIFT), rng(Stream.DROPOUT)
+    simulation, camera = watched.simulation, watched.cameras[rng.camera]
+    stamps, sightings = watched.stamps_ns[rng.camera], watched.sightings[rng.camera]
+    delivered = errors.delivered(camera, stamps, rng[Stream.FRAMES])
+    noise, drift, dropout = rng[Stream.NOISE], rng[Stream.DRIFT], rng[Stream.DROPOUT]
     parts = []
-    for source, (path, sighting) in enumerate(zip(watched.flights, watched.sightings[number], strict=True), start=1):
-        pixels = sighting.pixels + _noise(camera, len(stamps), noise) + _drift(camera, len(stamps), drift)
-        seen = delivered & np.isfinite(pixels[:, 0]) & ~_missed(camera, len(stamps), dropout)
+    for source, (path, sighting) in enumerate(zip(watched.flights, sightings, strict=True), start=1):
+        pixels = sighting.pixels + errors.noise(camera, len(stamps), noise) + errors.drift(camera, len(stamps), drift)
+        seen = delivered & np.isfinite(pixels[:, 0]) & ~errors.missed(camera, len(stamps), dropout)
         size = np.outer(1 / sighting.depth_m[seen], (path.object.width_m, path.object.height_m))
         track = _numbers(stamps[seen], source, len(watched.flights))
         shown = np.full(len(track), source)
         parts.append(Rows(stamps[seen], pixels[seen], track, shown, size * camera.lens.intrinsics[:2]))
-    outlying = _with_outliers(_joined(parts), camera, rng(Stream.OUTLIER))
-    everything = _joined([outlying, _clutter(camera, stamps[delivered], rng(Stream.CLUTTER))])
+    outlying = _with_outliers(_joined(parts), camera, rng[Stream.OUTLIER])
+    everything = _joined([outlying, _clutter(camera, stamps[delivered], rng[Stream.CLUTTER])])
     track = everything.track if camera.description.numbered else np.zeros_like(everything.track)
     return replace(everything, t_unix_ns=everything.t_unix_ns + simulation.start_unix_ns, track=track)
-
-
-def _delivered(camera: TrueCamera, stamps_ns: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.bool_]:
-    """(F,) which frames arrive at all."""
-    d = camera.description
-    kept = rng.random(len(stamps_ns)) >= d.frame_drop if d.frame_drop else np.ones(len(stamps_ns), bool)
-    t_s = camera.site_time_s(stamps_ns)
-    for blind in d.blind:
-        kept &= (t_s < blind.from_s) | (t_s > blind.to_s)
-    return kept
-
-
-def _noise(camera: TrueCamera, count: int, rng: np.random.Generator) -> Array:
-    """(count, 2) pixel errors without memory."""
-    d = camera.description
-    if d.noise == "uniform":
-        return rng.uniform(-d.noise_px, d.noise_px, (count, 2))
-    return rng.normal(0.0, 1.0, (count, 2)) * d.noise_px
-
-
-def _drift(camera: TrueCamera, count: int, rng: np.random.Generator) -> Array:
-    """(count, 2) first-order Gauss-Markov pixel errors, stationary from the first frame on."""
-    d = camera.description
-    if d.drift_px == 0.0:
-        return np.zeros((count, 2))
-    kept = np.exp(-1.0 / (d.frame_rate_hz * d.drift_s))
-    driven = rng.normal(0.0, d.drift_px * np.sqrt(1 - kept**2), (count, 2))
-    driven[0] /= np.sqrt(1 - kept**2)
-    drift: Array = lfilter([1.0], [1.0, -kept], driven, axis=0)
-    return drift
-
-
-def _missed(camera: TrueCamera, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """(count,) frames in which the detector misses the object; misses last `dropout_length_s` on average."""
-    d = camera.description
-    if d.dropout == 0.0:
-        return np.zeros(count, bool)
-    length = max(1.0, d.dropout_length_s * d.frame_rate_hz)
-    if length == 1.0 or d.dropout == 1.0:
-        return rng.random(count) < d.dropout
-    # Alternate geometric runs of seen and missed frames whose means are in the ratio asked for.
-    means = np.array([length * (1 - d.dropout) / d.dropout, length])
-    runs = rng.geometric(1 / np.maximum(1.0, means), (count + 1, 2)).ravel()
-    starts_missing = int(rng.random() < d.dropout)
-    states = (np.arange(len(runs)) + starts_missing) % 2
-    enough = int(np.searchsorted(np.cumsum(runs), count)) + 1
-    missed: NDArray[np.bool_] = np.repeat(states[:enough] == 1, runs[:enough])[:count]
-    return missed
 
 
 def _numbers(stamps_ns: NDArray[np.int64], source: int, objects: int) -> NDArray[np.int64]:
@@ -241,7 +198,7 @@ def _observations(rows: Rows, camera: TrueCamera) -> Observations:
     return Observations(rows.t_unix_ns, rows.pixels, rows.track, sigma)
 
 
-def _published(camera: TrueCamera, rng: Any) -> SiteCamera:
+def _published(camera: TrueCamera, rng: Streams) -> SiteCamera:
     """What the site file says of a camera: survey and lens with this trial's errors."""
     d = camera.description
     position = covariance = None
@@ -249,27 +206,18 @@ def _published(camera: TrueCamera, rng: Any) -> SiteCamera:
         sigma = np.array(d.survey_sigma_m)
         position = np.asarray(d.centre_enu, float) + d.survey_error_m
         if d.survey_error == "gaussian":
-            position = position + rng(Stream.SURVEY).normal(0.0, 1.0, 3) * sigma
+            position = position + rng[Stream.SURVEY].normal(0.0, 1.0, 3) * sigma
         elif d.survey_error == "uniform":
-            position = position + rng(Stream.SURVEY).uniform(-1.0, 1.0, 3) * sigma
+            position = position + rng[Stream.SURVEY].uniform(-1.0, 1.0, 3) * sigma
         covariance = np.diag(np.maximum(sigma, SMALLEST_SURVEY_SIGMA_M) ** 2)
     return SiteCamera(
         id=d.id,
-        lens=_published_lens(camera, rng(Stream.LENS)),
+        lens=errors.published_lens(camera, rng[Stream.LENS]),
         position_enu=position,
         position_covariance=covariance,
         clock_bound_s=d.clock_bound_s,
         readout_s=d.readout_s if d.publish_readout else None,
     )
-
-
-def _published_lens(camera: TrueCamera, rng: np.random.Generator) -> LensModel:
-    d, error = camera.description, camera.description.lens_error
-    fx, fy, cx, cy = d.published_intrinsics or d.intrinsics
-    k1, *others = d.published_distortion if d.published_distortion is not None else d.distortion
-    focal, u, v, bent = rng.normal(0.0, 1.0, 4) * (error.focal, error.centre_px, error.centre_px, error.k1)
-    intrinsics = (fx * (1 + focal), fy * (1 + focal), cx + u, cy + v)
-    return replace(camera.lens, intrinsics=intrinsics, distortion=(k1 + bent, *others))
 
 
 def _truth(watched: Watched) -> Network:

@@ -87,8 +87,13 @@ def _refined(cost: Callable[[Array], float], start_s: float, size: int) -> Array
     first[:, 0] = start_s
     for axis in range(size):
         first[axis + 1, axis] += 2 * COARSE_STEP_S
-    options = {"initial_simplex": first, "xatol": 1e-5, "fatol": 1e-9, "maxiter": 400}
-    return np.asarray(minimize(cost, first[0], method="Nelder-Mead", options=options).x)
+    found = minimize(
+        cost,
+        first[0],
+        method="Nelder-Mead",
+        options={"initial_simplex": first, "xatol": 1e-5, "fatol": 1e-9, "maxiter": 400},
+    )
+    return np.asarray(found.x, float)
 
 
 def _grid(estimate: Path, truth: Path, alignment: Alignment, max_gap_s: float) -> tuple[Array, float]:
