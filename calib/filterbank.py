@@ -1,0 +1,189 @@
+"""The filters of all targets, as one: every step works on all of them at once.
+
+The hazard is a covariance that shrinks where knowledge does not. A thousand rays of one camera do not average away
+that the camera points 0.1 degrees wrong: all are wrong together, and so are those of the other cameras that were
+calibrated with it. This is a Schmidt-Kalman filter (Schmidt 1966): the poses are not estimated here, but how each
+state's error hangs together with theirs is carried along, so that what rays share never averages away. When the
+network is exchanged, the same correlation says how each state moves with it, and tracking goes on without a jump.
+
+A ray that comes late updates the state where it stands, by way of the state taken back to the ray's own time.
+"""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.motion import STATE, Singer
+from calib.network import POSE_SIZE, Network
+from calib.sighting import Sighting
+from edge.lens import Array
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """All states taken to one instant: `state` (N, 9), `covariance` (N, 9, 9), `with_poses` (N, 9, 6 C) there.
+
+    base_*: what an update is applied to, at `base_t_s`: the same, or for a late instant the states as they stand.
+    cross: (N, 9, 9) covariance of the base with `state`.
+    """
+
+    state: Array
+    covariance: Array
+    with_poses: Array
+    base_t_s: Array
+    base_state: Array
+    base_covariance: Array
+    base_with_poses: Array
+    cross: Array
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a camera should see of each target: pixels (N, 2), their drift px/s (N, 2), covariance (N, 2, 2)."""
+
+    sighting: Sighting
+    drift: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Pixels (K, 2), how long after a prediction's instant each was exposed, s (K,), and their one sigma, px (K,)."""
+
+    pixels: Array
+    after_s: Array
+    sigma_px: Array
+
+    def chosen(self, which: NDArray[np.int64]) -> "Rays":
+        """Those of indices (M,)."""
+        return Rays(self.pixels[which], self.after_s[which], self.sigma_px[which])
+
+
+@dataclass
+class FilterBank:
+    """States (N, 9), covariances (N, 9, 9), covariances with the poses (N, 9, 6 C) and times (N,) of all targets."""
+
+    network: Network
+    motion: Singer
+    state: Array = field(default_factory=lambda: np.empty((0, STATE)))
+    covariance: Array = field(default_factory=lambda: np.empty((0, STATE, STATE)))
+    with_poses: Array = field(init=False)
+    t_s: Array = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        self.with_poses = np.empty((0, STATE, POSE_SIZE * len(self.network.cameras)))
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def add(self, state: Array, covariance: Array, with_poses: Array, t_s: float) -> None:
+        """Append one target."""
+        self.state = np.concatenate([self.state, state[None]])
+        self.covariance = np.concatenate([self.covariance, covariance[None]])
+        self.with_poses = np.concatenate([self.with_poses, with_poses[None]])
+        self.t_s = np.append(self.t_s, t_s)
+
+    def keep(self, which: NDArray[np.bool_]) -> None:
+        """Forget all targets but those of a boolean mask (N,)."""
+        self.state, self.covariance = self.state[which], self.covariance[which]
+        self.with_poses, self.t_s = self.with_poses[which], self.t_s[which]
+
+    def predict(self, t_s: float) -> Prediction:
+        """All states at t_s, which may lie a little before them."""
+        dt_s = t_s - self.t_s
+        F = self.motion.transition(dt_s)
+        state = np.matmul(F, self.state[:, :, None])[:, :, 0]
+        half = np.matmul(F, self.covariance)
+        covariance = np.matmul(half, F.transpose(0, 2, 1)) + self.motion.noise(dt_s)
+        with_poses = np.matmul(F, self.with_poses)
+        if (dt_s >= 0).all():
+            now = np.full(len(self), t_s)
+            return Prediction(state, covariance, with_poses, now, state, covariance, with_poses, covariance)
+        ahead = dt_s >= 0
+        ahead1, ahead2 = ahead[:, None], ahead[:, None, None]
+        return Prediction(
+            state,
+            covariance,
+            with_poses,
+            np.where(ahead, t_s, self.t_s),
+            np.where(ahead1, state, self.state),
+            np.where(ahead2, covariance, self.covariance),
+            np.where(ahead2, with_poses, self.with_poses),
+            np.where(ahead2, covariance, half.transpose(0, 2, 1)),
+        )
+
+    def expect(self, prediction: Prediction, sighting: Sighting, camera: int) -> Expected:
+        """What camera number `camera` should see, without the detector's own noise."""
+        H, at = sighting.by_point, slice(POSE_SIZE * camera, POSE_SIZE * (camera + 1))
+        drift = np.matmul(H, prediction.state[:, 3:6, None])[:, :, 0]
+        seen = np.matmul(np.matmul(H, prediction.covariance[:, :3, :3]), H.transpose(0, 2, 1))
+        shared = np.matmul(np.matmul(H, prediction.with_poses[:, :3, at]), sighting.by_pose.transpose(0, 2, 1))
+        pose = np.matmul(sighting.by_pose, self.network.covariance[at, at])
+        pose = np.matmul(pose, sighting.by_pose.transpose(0, 2, 1))
+        return Expected(sighting, drift, seen + shared + shared.transpose(0, 2, 1) + pose)
+
+    def update(
+        self, prediction: Prediction, sighting: Sighting, camera: int, which: NDArray[np.int64], rays: Rays
+    ) -> Array:
+        """Let targets `which` (K,) take one ray each.
+
+        Returns each one's squared normalised innovation (K,), 2 degrees of freedom.
+        """
+        at = slice(POSE_SIZE * camera, POSE_SIZE * (camera + 1))
+        by_point, by_pose = sighting.by_point[which], sighting.by_pose[which]
+        H = np.zeros((len(which), 2, STATE))
+        H[:, :, :3] = by_point
+        H[:, :, 3:6] = by_point * rays.after_s[:, None, None]
+        Ht, by_pose_t = H.transpose(0, 2, 1), by_pose.transpose(0, 2, 1)
+        with_poses = np.matmul(H, prediction.with_poses[which])
+        with_poses += np.matmul(by_pose, self.network.covariance[at])
+        in_pixels = np.matmul(prediction.cross[which], Ht)
+        in_pixels += np.matmul(prediction.base_with_poses[which][:, :, at], by_pose_t)
+        S = np.matmul(np.matmul(H, prediction.covariance[which]), Ht)
+        S += np.matmul(np.matmul(H, prediction.with_poses[which][:, :, at]), by_pose_t)
+        S += np.matmul(with_poses[:, :, at], by_pose_t)
+        S += np.eye(2) * (rays.sigma_px**2)[:, None, None]
+        inverse = np.linalg.inv(S)
+        gain = np.matmul(in_pixels, inverse)
+        drift = np.matmul(by_point, prediction.state[which, 3:6, None])[:, :, 0]
+        innovation = rays.pixels - sighting.pixels[which] - drift * rays.after_s[:, None]
+        self.t_s[which] = prediction.base_t_s[which]
+        self.state[which] = prediction.base_state[which] + np.matmul(gain, innovation[:, :, None])[:, :, 0]
+        covariance = prediction.base_covariance[which] - np.matmul(gain, in_pixels.transpose(0, 2, 1))
+        self.covariance[which] = (covariance + covariance.transpose(0, 2, 1)) / 2
+        self.with_poses[which] = prediction.base_with_poses[which] - np.matmul(gain, with_poses)
+        distance2: Array = np.einsum("ni,nij,nj->n", innovation, inverse, innovation)
+        return distance2
+
+    def exchange(self, network: Network) -> None:
+        """Go on with another network: states move as their errors hang together with the poses that changed."""
+        old = self.network
+        shared = [camera.id for camera in network.cameras if old.camera(camera.id) is not None]
+        of_old, of_new = _columns(old, shared), _columns(network, shared)
+        moved = np.concatenate([_pose_change(old, network, camera) for camera in shared] or [np.zeros(0)])
+        # How a state's error follows from the poses' (pinv: poses may be known exactly, or only together).
+        follows = self.with_poses[:, :, of_old] @ np.linalg.pinv(old.covariance[np.ix_(of_old, of_old)], hermitian=True)
+        explained = np.matmul(self.with_poses[:, :, of_old], follows.transpose(0, 2, 1))
+        poses = network.covariance[np.ix_(of_new, of_new)]
+        self.state = self.state + follows @ moved
+        back = follows.transpose(0, 2, 1)
+        self.covariance = self.covariance - explained + np.matmul(np.matmul(follows, poses), back)
+        self.with_poses = np.matmul(follows, network.covariance[of_new])
+        self.t_s = self.t_s + (old.t_mid_unix_ns - network.t_mid_unix_ns) * 1e-9
+        self.network = network
+
+
+def _columns(network: Network, cameras: list[str]) -> list[int]:
+    ids = [camera.id for camera in network.cameras]
+    return [POSE_SIZE * ids.index(camera) + k for camera in cameras for k in range(POSE_SIZE)]
+
+
+def _pose_change(old: Network, new: Network, camera_id: str) -> Array:
+    """(6,) rotation vector and centre by which a camera's pose changed."""
+    before, after = old.camera(camera_id), new.camera(camera_id)
+    assert before is not None
+    assert after is not None
+    rotation = cv2.Rodrigues(after.R_cam_enu @ before.R_cam_enu.T)[0].ravel()
+    return np.concatenate([rotation, after.centre_enu - before.centre_enu])

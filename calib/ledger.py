@@ -1,0 +1,132 @@
+"""What is known of each target besides where it is: who saw it, who should have and did not, whether it is believed.
+
+The hazard is the ghost that looks healthy: two cameras feed it faithfully with rays of two different objects, and only
+the third, which sees nothing there, knows. So not seeing counts as evidence too, per camera, and a target is believed
+only when no more cameras deny it than support it.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edge.lens import Array
+
+MEMORY: Final = 0.97  # a frame: evidence is worth half after 23 frames
+SUPPORTS: Final = 0.4  # hits a frame of a camera that sees it; a detector in bad light still reaches that
+DENIES: Final = 0.15  # hits a frame of a camera that should see it and does not
+ENOUGH_FRAMES: Final = 5.0  # frames' worth of evidence before a camera has a say
+CONFIRM_SCORE: Final = 20.0  # log-likelihood ratio (Sittler 1964): odds of 5e8 against chance, and 5 hits or more
+CONFIRM_S: Final = 0.4  # s a target must live before it is believed
+LONELY_S: Final = 5.0  # s, where a third camera sees nothing: time then has to refuse the ghost
+TOP_SCORE: Final = 30.0
+BAD_FIT: Final = 5.0  # mean squared normalised innovation; 2 is expected
+LONELY_FIT: Final = 3.0
+SEEN_LATELY_S: Final = 0.5
+NO_LABEL: Final = -1
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Of detections taken (K,): the camera's track number, log-likelihood ratio, squared normalised innovation."""
+
+    label: NDArray[np.int64]
+    gain: Array
+    distance2: Array
+
+
+class Ledger:
+    """Arrays over targets (N,) and cameras (C,): hits, misses, last sightings, scores."""
+
+    def __init__(self, cameras: int) -> None:
+        self.track: list[int] = []
+        self.confirmed: NDArray[np.bool_] = np.empty(0, bool)
+        self.last_s: Array = np.empty(0)
+        self.label: NDArray[np.int64] = np.empty((0, cameras), np.int64)
+        self._born_s: Array = np.empty(0)
+        self._score: Array = np.empty(0)
+        self._fit: Array = np.empty(0)
+        self._hits: Array = np.empty((0, cameras))
+        self._frames: Array = np.empty((0, cameras))
+        self._seen_s: Array = np.empty((0, cameras))
+
+    def add(self, track: int, t_s: float, seen_by: tuple[tuple[int, int], ...]) -> None:
+        """A tentative target, born at t_s from cameras with their own track numbers."""
+        cameras = self.label.shape[1]
+        label = np.full(cameras, NO_LABEL, np.int64)
+        seen_s = np.full(cameras, -np.inf)
+        for camera, number in seen_by:
+            label[camera], seen_s[camera] = number, t_s
+        self.track.append(track)
+        self.confirmed = np.append(self.confirmed, False)
+        self.last_s, self._born_s = np.append(self.last_s, t_s), np.append(self._born_s, t_s)
+        self._score, self._fit = np.append(self._score, 0.0), np.append(self._fit, 2.0)
+        self.label = np.vstack([self.label, label])
+        self._hits = np.vstack([self._hits, np.zeros(cameras)])
+        self._frames = np.vstack([self._frames, np.zeros(cameras)])
+        self._seen_s = np.vstack([self._seen_s, seen_s])
+
+    def keep(self, which: NDArray[np.bool_]) -> None:
+        """Forget all targets but those of a mask (N,)."""
+        self.track = [track for track, kept in zip(self.track, which, strict=True) if kept]
+        for name in ("confirmed", "last_s", "label", "_born_s", "_score", "_fit", "_hits", "_frames", "_seen_s"):
+            setattr(self, name, getattr(self, name)[which])
+
+    def exchange(self, kept: list[int], shift_s: float) -> None:
+        """Another network: camera k of it was number kept[k], or -1 if it is new; times move by shift_s."""
+        known = np.array(kept)
+        for name, empty in (("label", NO_LABEL), ("_hits", 0), ("_frames", 0), ("_seen_s", -np.inf)):
+            old = getattr(self, name)
+            setattr(self, name, np.where(known >= 0, old[:, np.maximum(known, 0)], empty).astype(old.dtype))
+        self.last_s, self._born_s, self._seen_s = self.last_s + shift_s, self._born_s + shift_s, self._seen_s + shift_s
+
+    def hit(self, camera: int, which: NDArray[np.int64], t_s: float, evidence: Evidence) -> None:
+        """Camera saw targets `which` (K,) at t_s."""
+        self.last_s[which] = np.maximum(self.last_s[which], t_s)
+        self._seen_s[which, camera] = t_s
+        self.label[which, camera] = evidence.label
+        self._hits[which, camera] = self._hits[which, camera] * MEMORY + 1
+        self._frames[which, camera] = self._frames[which, camera] * MEMORY + 1
+        self._score[which] = np.minimum(self._score[which] + evidence.gain, TOP_SCORE)
+        self._fit[which] += (evidence.distance2 - self._fit[which]) * (1 - MEMORY)
+
+    def miss(self, camera: int, which: NDArray[np.intp], loss: float) -> None:
+        """Camera should have seen targets `which` (K,) and did not."""
+        self._hits[which, camera] *= MEMORY
+        self._frames[which, camera] = self._frames[which, camera] * MEMORY + 1
+        self._score[which] += loss
+
+    def confirm(self) -> None:
+        """Believe the tentative targets that have earned it."""
+        rate = self._hits / np.maximum(self._frames, 1e-9)
+        heard = self._frames >= ENOUGH_FRAMES
+        supporters = np.count_nonzero(heard & (rate >= SUPPORTS), axis=1)
+        deniers = np.count_nonzero(heard & (rate < DENIES), axis=1)
+        age_s = self.last_s - self._born_s
+        plain = (supporters >= 2) & (deniers < np.maximum(supporters - 1, 1)) & (self._fit < BAD_FIT)
+        lonely = (supporters >= 2) & (deniers < supporters) & (age_s > LONELY_S) & (self._fit < LONELY_FIT)
+        self.confirmed |= (self._score > CONFIRM_SCORE) & (age_s > CONFIRM_S) & (plain | lonely)
+
+    @property
+    def denied(self) -> NDArray[np.bool_]:
+        """Tentative targets (N,) that evidence speaks against."""
+        return ~self.confirmed & (self._score < -10.0)
+
+    def rivals(self, one: int, other: int) -> bool:
+        """Whether two targets live off each other's detections: no camera holds both by different track numbers."""
+        both = (self._seen_s[one] > self.last_s[one] - SEEN_LATELY_S) & (
+            self._seen_s[other] > self.last_s[other] - SEEN_LATELY_S
+        )
+        rate = self._hits / np.maximum(self._frames, 1e-9)
+        return not bool((both & (rate[one] > SUPPORTS) & (rate[other] > SUPPORTS)).any())
+
+    def seen_by(self, target: int) -> list[int]:
+        """Cameras that lately contributed to a target."""
+        recent = self._seen_s[target] >= self.last_s[target] - SEEN_LATELY_S
+        return [int(camera) for camera in np.nonzero(recent)[0]]
+
+    def quality(self, target: int) -> float:
+        """0..1: how sure it is that the target is a real object."""
+        score = float(np.clip(self._score[target], -TOP_SCORE, TOP_SCORE))
+        return 1.0 / (1.0 + float(np.exp(-score)))

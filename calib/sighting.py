@@ -1,0 +1,71 @@
+"""What a calibrated camera should see of a point, and how that changes with the point and with the camera's pose.
+
+The hazard is the far side of the lens model: behind the camera, or outside the image, a polynomial happily folds a
+point back into the picture. So every projection says whether it may be believed, by a radius fixed once per camera.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from calib.network import POSE_SIZE, Camera
+from edge.lens import Array, distort, pixel_to_ray
+
+BORDER_STEPS: Final = 24  # pixels looked at along each edge of the image to find its widest ray
+MARGIN: Final = 1.02  # of that radius: a prediction may lie a little outside
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """Predicted pixels (N, 2), their derivative by the point (N, 2, 3) and by the pose (N, 2, 6), and whether valid."""
+
+    pixels: Array
+    by_point: Array
+    by_pose: Array
+    valid: np.ndarray
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera with what every projection needs at hand. widest_ray: norm of the ray at the image's farthest corner."""
+
+    camera: Camera
+    widest_ray: float
+
+    @classmethod
+    def of(cls, camera: Camera) -> "View":
+        """The view of a camera."""
+        width, height = camera.lens.size_px
+        along = np.linspace(0.0, 1.0, BORDER_STEPS)
+        edges = [np.column_stack([along, np.full(BORDER_STEPS, side)]) for side in (0.0, 1.0)]
+        border = np.vstack([*edges, *(edge[:, ::-1] for edge in edges)]) * (width - 1, height - 1)
+        radii = np.linalg.norm(pixel_to_ray(camera.lens, border), axis=1)
+        return cls(camera, float(np.nanmax(radii, initial=0.1)) * MARGIN)
+
+    def sight(self, points_enu: Array) -> Sighting:
+        """Where points (N, 3) in ENU metres should be seen. Invalid rows hold no usable numbers."""
+        camera = self.camera
+        in_camera = (points_enu - camera.centre_enu) @ camera.R_cam_enu.T
+        ahead = in_camera[:, 2] > 0
+        depth = np.where(ahead, in_camera[:, 2], 1.0)
+        rays = in_camera[:, :2] / depth[:, None]
+        valid = ahead & (np.hypot(rays[:, 0], rays[:, 1]) < self.widest_ray)
+        rays = np.where(valid[:, None], rays, 0.0)
+        bent = distort(camera.lens, rays)
+        focal = np.array(camera.lens.intrinsics[:2])
+        by_ray = bent.by_ray * focal[:, None]
+        by_camera = np.empty((len(rays), 2, 3))
+        by_camera[:, :, :2] = by_ray / depth[:, None, None]
+        by_camera[:, :, 2] = -np.matmul(by_ray, rays[:, :, None])[:, :, 0] / depth[:, None]
+        by_point = by_camera @ camera.R_cam_enu
+        by_pose = np.empty((len(rays), 2, POSE_SIZE))
+        by_pose[:, :, :3] = np.cross(in_camera[:, None, :], by_camera)
+        by_pose[:, :, 3:] = -by_point
+        return Sighting(bent.xy * focal + camera.lens.intrinsics[2:], by_point, by_pose, valid)
+
+    def inside(self, pixels: Array, margin_px: float = 0.0) -> np.ndarray:
+        """Which pixels (N, 2) lie in the image, at least margin_px from its edge."""
+        width, height = self.camera.lens.size_px
+        u, v = pixels[:, 0], pixels[:, 1]
+        return (u >= margin_px) & (u <= width - 1 - margin_px) & (v >= margin_px) & (v <= height - 1 - margin_px)
