@@ -7,6 +7,7 @@ ranges are therefore checked as well as the types. Who wrote a message is taken 
 checks, never from its payload.
 """
 
+import inspect
 from typing import Annotated, Final, Literal, TypeVar
 
 import msgspec
@@ -189,7 +190,10 @@ class Backlog(msgspec.Struct, frozen=True, kw_only=True):
     epoch: Annotated[int, Meta(ge=0, le=2**53)]
     first_seq: Annotated[int, Meta(ge=0, le=2**53)]
     last_seq: Annotated[int, Meta(ge=0, le=2**53)]
-    tracks: Annotated[list[msgspec.Raw], Meta(max_length=MAX_BACKLOG_ROWS)]
+    tracks: Annotated[
+        list[Annotated[msgspec.Raw, Meta(extra_json_schema={"$ref": "Tracks.json"})]],
+        Meta(max_length=MAX_BACKLOG_ROWS),
+    ]
 
 
 MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
@@ -219,6 +223,16 @@ def camera_of_key(key: str) -> str | None:
     """The camera a key belongs to, or None if it is not a camera's key. The only way to know a message's author."""
     parts = key.split("/")
     return parts[4] if len(parts) >= 5 and parts[0] == "skyfix" and parts[3] == "cam" else None
+
+
+def json_schema(kind: type[msgspec.Struct]) -> dict[str, object]:
+    """The JSON Schema (2020-12) of a message, complete in itself: what recordings and deploy/schema carry."""
+    schema = msgspec.json.schema(kind)
+    root = schema["$defs"].pop(kind.__name__)  # Foxglove wants the object itself at the root, not a reference to it
+    root["description"] = inspect.cleandoc(root["description"])
+    if schema["$defs"]:
+        root["$defs"] = schema["$defs"]
+    return dict(root)
 
 
 def encode(message: msgspec.Struct) -> bytes:
