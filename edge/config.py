@@ -47,6 +47,10 @@ class SourceConfig(Section, frozen=True, kw_only=True):
     size_px: Annotated[SizePx, Meta(description="asked of a V4L2 camera")] | None = None
     pixel_format: Annotated[str, Meta(pattern="^.{4}$", description="V4L2 four-letter code")] | None = None
     delay_s: Annotated[float, Meta(ge=-1, le=1, description="constant taken off every stamp")] = 0.0
+    stamp_of: Annotated[
+        Literal["middle", "exposure_start", "exposure_end", "frame_end"],
+        Meta(description="V4L2: which instant of a frame the driver stamps"),
+    ] = "middle"
     timeout_s: Annotated[float, Meta(gt=0, le=60, description="live: no frame for so long is a dead camera")] = 2.0
 
 
@@ -102,9 +106,17 @@ class GateConfig(Section, frozen=True, kw_only=True):
 class GnssConfig(Section, frozen=True, kw_only=True):
     """The box's RTK receiver."""
 
-    device: Annotated[str, Meta(min_length=1, description="serial device or pseudo-terminal")]
-    baud: Annotated[int, Meta(ge=1200, le=4_000_000)] = 115200
+    device: Annotated[str, Meta(min_length=1, description="serial device, socket://host:port or a recording")]
+    baud: Annotated[int, Meta(ge=0, le=4_000_000, description="0: try the usual ones")] = 115200
+    service: Annotated[
+        Literal["own-base", "network-rtk", "ppp-rtk"], Meta(description="where the corrections come from")
+    ] = "network-rtk"
+    baseline_m: Annotated[float, Meta(ge=0, le=1e5, description="to the base station, where there is a real one")] = 0.0
     frame: Annotated[str, Meta(description="the corrections' reference frame, such as ETRS89")] = "WGS84"
+    separation_m: (
+        Annotated[float, Meta(ge=-120, le=100, description="geoid separation, for a receiver that sends none")] | None
+    ) = None
+    accept_unknown_age: Annotated[bool, Meta(description="for a receiver that sends no age of corrections")] = False
     lever_arm_m: Annotated[
         tuple[float, float, float], Meta(description="antenna minus camera: east, north, up metres")
     ] = (0.0, 0.0, 0.0)
@@ -124,7 +136,7 @@ class CameraConfig(Section, frozen=True, kw_only=True):
     source: SourceConfig
     lens: Annotated[str | LensConfig, Meta(description="a lens file, or the numbers themselves")]
     readout_s: Annotated[float, Meta(ge=0, le=1, description="first to last row of a rolling shutter")] = 0.0
-    exposure_s: Annotated[float, Meta(ge=0, le=1, description="where stamps are of the exposure's start or end")] = 0.0
+    exposure_s: Annotated[float, Meta(ge=0, le=1, description="used with source.stamp_of")] = 0.0
     cores: Annotated[tuple[int, ...], Meta(description="CPU cores its process is kept to; empty for any")] = ()
     detector: DetectorConfig | None = None
     gate: GateConfig | None = None

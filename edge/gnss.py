@@ -1,0 +1,271 @@
+"""Which epochs of a receiver may be believed for a survey, and why not the others.
+
+The hazard is the plausible wrong position. A receiver says "12 mm" in float as in fixed, a checksum of eight bits lets
+one corrupt sentence in a thousand through, a correction stream dies and the position drifts on. So every epoch passes
+two gates, and is refused with a reason: first what it says about itself (quality, age of the corrections, resolution,
+separation, range, the receiver's own doubt, agreement of its sentences), then whether it fits the epochs before it. A
+camera stands on a tripod: a position that moves is wrong, whatever it says.
+"""
+
+import datetime as dt
+import math
+import statistics
+from collections import deque
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final
+
+from edge.epoch import Epoch
+from edge.nmea import MS_PER_DAY, Gga
+
+RTK_FIXED: Final = 4
+MAX_AGE_S: Final = 5.0  # corrections older than this have let the position drift by centimetres
+MIN_DECIMALS: Final = 6  # of a minute: 1.9 mm; five are 18.6 mm and bias a quiet receiver's mean by up to 10 mm
+MAX_REPORTED_SIGMA_M: Final = 0.1  # ten times a fixed solution's; a smaller claim is no proof of anything
+MAX_SOURCES_APART_M: Final = 0.03  # GGA against NAV-HPPOSLLH: the coarsest accepted GGA rounds to 2 mm and 0.1 m
+MIN_HEIGHT_M, MAX_HEIGHT_M = -500.0, 9000.0  # the Dead Sea's shore and Everest
+
+MAX_STEP_H_M: Final = 0.03  # five sigma of the step of a fixed solution in a second; together with the vertical
+MAX_STEP_V_M: Final = 0.04  # limit, no accepted epoch is more than 5 cm from those before it
+MAX_GAP_S: Final = 5.0  # after a longer pause the ambiguities may have been fixed anew
+CONFIRMATIONS: Final = 3  # epochs that must agree before the first of them counts
+REMEMBERED: Final = 5  # epochs whose median the next one is compared with
+
+QUALITY_NAMES: Final = {
+    0: "no position", 1: "single", 2: "differential", 3: "PPS", 4: "RTK fixed", 5: "RTK float",
+    6: "dead reckoning", 7: "manual input", 8: "simulator",
+}  # fmt: skip
+
+
+class Reason(StrEnum):
+    """Why an epoch was refused."""
+
+    NO_POSITION = "no position"
+    QUALITY = "not RTK fixed"
+    AGE = "corrections too old"
+    AGE_UNKNOWN = "age of corrections unknown"
+    RESOLUTION = "too few decimals"
+    SEPARATION = "geoid separation missing"
+    RANGE = "out of range"
+    DOUBT = "receiver doubts itself"
+    DISAGREE = "its own sentences disagree"
+    DATE = "impossible date"
+    LEAP_SECOND = "leap second"
+    TIME_ORDER = "time goes backwards"
+    JUMP = "jumps"
+    UNCONFIRMED = "waiting for confirmation"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A refused epoch: the reason, and the figure that broke it."""
+
+    reason: Reason
+    detail: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.reason} ({self.detail})" if self.detail else str(self.reason)
+
+
+@dataclass(frozen=True)
+class Position:
+    """An epoch that may be averaged: ellipsoidal height; step_m the resolution, horizontal and vertical."""
+
+    t_day_ms: int
+    date: dt.date | None
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+    step_m: tuple[float, float]
+    source: str
+
+
+@dataclass(frozen=True)
+class Policy:
+    """What an operator may set. separation_m stands in for a blank geoid separation, never for one that is there.
+
+    earliest: a date before it is a receiver whose week counter has wrapped; None for recordings.
+    """
+
+    separation_m: float | None = None
+    accept_unknown_age: bool = False
+    earliest: dt.date | None = None
+
+
+def judge(epoch: Epoch, policy: Policy) -> Position | Refusal:
+    """What one epoch says about itself: a position fit for a survey, or the reason why not."""
+    if epoch.t_day_ms >= MS_PER_DAY:
+        return Refusal(Reason.LEAP_SECOND)
+    refusal = _quality(epoch) or _age(epoch, policy) or _doubt(epoch) or _date(epoch, policy)
+    return refusal or _position(epoch, policy)
+
+
+def _quality(epoch: Epoch) -> Refusal | None:
+    said = [record.quality for record in (epoch.gga, epoch.pvt) if record is not None]
+    if not said:
+        return Refusal(Reason.NO_POSITION, "no GGA and no NAV-PVT")
+    worst = next((quality for quality in said if quality != RTK_FIXED), None)
+    if worst is not None:
+        return Refusal(Reason.QUALITY, f"{worst}: {QUALITY_NAMES.get(worst, 'unknown')}")
+    # Old receivers say A or D in RMC for a fixed solution; F, E and the rest contradict one.
+    if epoch.rmc and (not epoch.rmc.valid or epoch.rmc.mode not in ("", "R", "D", "A", "P")):
+        return Refusal(Reason.QUALITY, f"RMC says {epoch.rmc.mode or 'invalid'}")
+    return None
+
+
+def _age(epoch: Epoch, policy: Policy) -> Refusal | None:
+    ages = [r.age_s for r in (epoch.gga, epoch.pvt) if r is not None and r.age_s is not None]
+    if not ages:
+        return None if policy.accept_unknown_age else Refusal(Reason.AGE_UNKNOWN)
+    if not 0 <= max(ages) <= MAX_AGE_S:
+        return Refusal(Reason.AGE, f"{max(ages):g} s")
+    return None
+
+
+def _doubt(epoch: Epoch) -> Refusal | None:
+    sigmas = (
+        *(epoch.gst.sigma_m if epoch.gst else ()),
+        *(epoch.high_precision.sigma_m if epoch.high_precision else ()),
+    )
+    if sigmas and max(sigmas) > MAX_REPORTED_SIGMA_M:
+        return Refusal(Reason.DOUBT, f"it says {max(sigmas):.2f} m")
+    return None
+
+
+def _date(epoch: Epoch, policy: Policy) -> Refusal | None:
+    if policy.earliest and epoch.date and epoch.date < policy.earliest:
+        return Refusal(Reason.DATE, f"{epoch.date}")
+    return None
+
+
+def _position(epoch: Epoch, policy: Policy) -> Position | Refusal:
+    gga = _of_gga(epoch, epoch.gga, policy) if epoch.gga else None
+    precise = _of_ubx(epoch) if epoch.high_precision else None
+    if precise is None:
+        return gga or Refusal(Reason.RESOLUTION, "NAV-PVT alone has steps of 11 mm: enable NAV-HPPOSLLH")
+    if isinstance(precise, Position) and isinstance(gga, Position):
+        east, north, up = offset_m(precise, gga)
+        if math.hypot(east, north) > MAX_SOURCES_APART_M or abs(up) > MAX_SOURCES_APART_M + gga.step_m[1]:
+            return Refusal(Reason.DISAGREE, f"GGA and NAV-HPPOSLLH {math.hypot(east, north, up):.2f} m apart")
+    return precise
+
+
+def _of_gga(epoch: Epoch, gga: Gga, policy: Policy) -> Position | Refusal:
+    if gga.lat_deg is None or gga.lon_deg is None or gga.altitude_m is None:
+        return Refusal(Reason.NO_POSITION, "blank fields")
+    separation_m = policy.separation_m if gga.separation_m is None else gga.separation_m
+    if separation_m is None:
+        return Refusal(Reason.SEPARATION, "enter separation_m, or make the receiver send it")
+    if gga.decimals < MIN_DECIMALS:
+        return Refusal(Reason.RESOLUTION, f"{gga.decimals} decimals of a minute")
+    step_m = (1855.0 * 10.0**-gga.decimals, 10.0**-gga.altitude_decimals)
+    position = Position(
+        epoch.t_day_ms, epoch.date, gga.lat_deg, gga.lon_deg, gga.altitude_m + separation_m, step_m, "GGA"
+    )
+    return _in_range(position)
+
+
+def _of_ubx(epoch: Epoch) -> Position | Refusal | None:
+    precise = epoch.high_precision
+    if precise is None:
+        return None
+    step_m = (1.1e-4, 1e-4)
+    position = Position(
+        epoch.t_day_ms, epoch.date, precise.lat_deg, precise.lon_deg, precise.height_m, step_m, "NAV-HPPOSLLH"
+    )
+    return _in_range(position)
+
+
+def _in_range(position: Position) -> Position | Refusal:
+    if not (abs(position.lat_deg) <= 90 and abs(position.lon_deg) <= 180):
+        return Refusal(Reason.RANGE, f"{position.lat_deg}, {position.lon_deg}")
+    if not MIN_HEIGHT_M <= position.height_m <= MAX_HEIGHT_M:
+        return Refusal(Reason.RANGE, f"height {position.height_m:.1f} m")
+    if position.lat_deg == 0 and position.lon_deg == 0:
+        return Refusal(Reason.RANGE, "0, 0")
+    return position
+
+
+def metres_per_degree(lat_deg: float) -> tuple[float, float]:
+    """East and north metres of one degree of longitude and latitude on WGS 84's ellipsoid (NIMA TR8350.2, 2000)."""
+    a, e2 = 6378137.0, 6.69437999014e-3
+    sin = math.sin(math.radians(lat_deg))
+    prime = a / math.sqrt(1 - e2 * sin * sin)
+    meridian = prime * (1 - e2) / (1 - e2 * sin * sin)
+    return math.radians(prime * math.cos(math.radians(lat_deg))), math.radians(meridian)
+
+
+def offset_m(position: Position, reference: Position) -> tuple[float, float, float]:
+    """East, north, up metres from reference to position; good to a millimetre within 100 m."""
+    east, north = metres_per_degree(reference.lat_deg)
+    dlon = (position.lon_deg - reference.lon_deg + 180) % 360 - 180
+    return dlon * east, (position.lat_deg - reference.lat_deg) * north, position.height_m - reference.height_m
+
+
+def elapsed_ms(t_day_ms: int, since_day_ms: int) -> int:
+    """Milliseconds from one time of day to another, by the shorter way round midnight."""
+    return (t_day_ms - since_day_ms + MS_PER_DAY // 2) % MS_PER_DAY - MS_PER_DAY // 2
+
+
+@dataclass
+class _Chain:
+    """Positions that follow one another: close in time and in place."""
+
+    recent: deque[Position] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+
+    def refuses(self, position: Position) -> Refusal | None:
+        """Why `position` cannot be the next of this chain."""
+        step_ms = elapsed_ms(position.t_day_ms, self.recent[-1].t_day_ms)
+        if step_ms <= 0:
+            return Refusal(Reason.TIME_ORDER, f"by {-step_ms / 1000:g} s")
+        if step_ms > MAX_GAP_S * 1000:
+            return Refusal(Reason.UNCONFIRMED, f"after a pause of {step_ms / 1000:g} s")
+        offsets = [offset_m(position, earlier) for earlier in self.recent]
+        east, north, up = (statistics.median(axis) for axis in zip(*offsets, strict=True))
+        if math.hypot(east, north) > MAX_STEP_H_M or abs(up) > MAX_STEP_V_M:
+            return Refusal(Reason.JUMP, f"by {math.hypot(east, north):.3f} m, {up:+.3f} m up")
+        return None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the second gate made of a position: those accepted now, in which segment, and a refusal if there is one."""
+
+    accepted: tuple[Position, ...]
+    segment: int
+    refusal: Refusal | None = None
+
+
+class StillnessGate:
+    """Lets positions through that stand still; numbers the segments between interruptions.
+
+    A position that does not follow those before it waits until CONFIRMATIONS in a row agree with one another. Then
+    they begin a new segment: the antenna was moved, or the ambiguities were fixed anew, and one of the two fixes is
+    wrong. Which is for the average to judge, not for this gate.
+    """
+
+    def __init__(self) -> None:
+        self.segment = 0
+        self._chain = _Chain()
+        self._pending = _Chain()
+
+    def interrupt(self) -> None:
+        """Begin a new segment: the fix or the port was lost."""
+        self._chain = _Chain()
+        self._pending = _Chain()
+
+    def judge(self, position: Position) -> Verdict:
+        """Whether `position` fits those before it."""
+        refusal = self._chain.refuses(position) if self._chain.recent else Refusal(Reason.UNCONFIRMED, "first epochs")
+        if refusal is None:
+            self._chain.recent.append(position)
+            self._pending = _Chain()
+            return Verdict((position,), self.segment)
+        if self._pending.recent and self._pending.refuses(position):
+            self._pending = _Chain()
+        self._pending.recent.append(position)
+        if len(self._pending.recent) < CONFIRMATIONS:
+            return Verdict((), self.segment, refusal)
+        self._chain, self._pending = self._pending, _Chain()
+        self.segment += 1
+        return Verdict(tuple(self._chain.recent), self.segment)

@@ -1,0 +1,183 @@
+"""One NMEA sentence -> one typed record, or the reason why it is none.
+
+The hazard is the tolerant parser. Off the shelf a blank position becomes 0, 0, a blank geoid separation 0 m (38 m wrong
+in Tsukuba), `inf` an altitude, and latitude 91 a latitude. So a strict grammar comes first: plain numbers, minutes
+below 60, hemisphere letters, exactly the fields the sentence has. Only what passes is decoded, by pynmeagps, and what
+decides about a survey but is lost in a float (how many decimals were sent, that a field was blank) is kept beside it.
+"""
+
+import datetime as dt
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pynmeagps import NMEAReader
+from pynmeagps.exceptions import NMEAMessageError, NMEAParseError, NMEATypeError
+
+MS_PER_DAY: Final = 86_400_000
+
+_TIME: Final = r"(?P<hour>[01]\d|2[0-3])(?P<minute>[0-5]\d)(?P<second>[0-5]\d|60)(?:\.(?P<fraction>\d{1,6}))?"
+_LAT: Final = r"(?P<lat_deg>\d\d)(?P<lat_min>[0-5]\d)(?:\.(?P<lat_decimals>\d{1,12}))?,(?P<ns>[NS])"
+_LON: Final = r"(?P<lon_deg>[01]\d\d)(?P<lon_min>[0-5]\d)(?:\.(?P<lon_decimals>\d{1,12}))?,(?P<ew>[EW])"
+_NUMBER: Final = r"-?\d{1,7}(?:\.\d{1,9})?"
+_TALKER: Final = r"G[A-Z]"
+
+_GRAMMAR: Final[dict[str, re.Pattern[str]]] = {
+    "GGA": re.compile(
+        rf"{_TALKER}GGA,{_TIME},(?:{_LAT},{_LON}|,,,),(?P<quality>\d),(?P<satellites>\d{{0,2}}),(?P<hdop>(?:{_NUMBER})?),"
+        rf"(?P<altitude>(?:-?\d{{1,7}}(?:\.(?P<altitude_decimals>\d{{1,9}}))?)?),M?,(?P<separation>(?:{_NUMBER})?),M?,"
+        rf"(?P<age>(?:{_NUMBER})?),(?P<station>\d{{0,4}})"
+    ),
+    "GST": re.compile(
+        rf"{_TALKER}GST,{_TIME},(?:{_NUMBER})?,(?:{_NUMBER})?,(?:{_NUMBER})?,(?:{_NUMBER})?,"
+        rf"(?P<lat_sigma>{_NUMBER}),(?P<lon_sigma>{_NUMBER}),(?P<alt_sigma>{_NUMBER})"
+    ),
+    "RMC": re.compile(
+        rf"{_TALKER}RMC,{_TIME},(?P<status>[AV]),(?:{_LAT},{_LON}|,,,),(?:{_NUMBER})?,(?:{_NUMBER})?,"
+        rf"(?P<date>[0-3]\d[01]\d\d\d)?,(?:{_NUMBER})?,[EW]?(?:,(?P<mode>[A-Z])?(?:,[A-Z]?)?)?"
+    ),
+    "ZDA": re.compile(rf"{_TALKER}ZDA,{_TIME},(?P<date>[0-3]\d,[01]\d,[12]\d\d\d),(?:-?\d\d)?,(?:\d\d)?"),
+    "GSA": re.compile(
+        rf"{_TALKER}GSA,[MA]?,[123]?,(?:\d{{0,3}},){{12}}(?P<pdop>(?:{_NUMBER})?),(?:{_NUMBER})?,(?:{_NUMBER})?(?:,\d?)?"
+    ),
+}
+
+
+class MalformedError(ValueError):
+    """A sentence passed its checksum and still is not what it claims; the text says which."""
+
+
+@dataclass(frozen=True)
+class Gga:
+    """A position sentence. height_m: altitude + separation of this very sentence, None where either is blank.
+
+    decimals: of the minutes of latitude and longitude, the fewer. age_s: of the corrections, None where blank.
+    """
+
+    t_day_ms: int
+    lat_deg: float | None
+    lon_deg: float | None
+    quality: int
+    satellites: int
+    altitude_m: float | None
+    separation_m: float | None
+    age_s: float | None
+    station: str
+    decimals: int
+    altitude_decimals: int
+
+
+@dataclass(frozen=True)
+class Gst:
+    """What the receiver itself believes: one sigma, east, north, up, metres."""
+
+    t_day_ms: int
+    sigma_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Rmc:
+    """Date and mode. mode: R fixed, F float, A, D, P ..., empty where an old receiver does not say."""
+
+    t_day_ms: int
+    valid: bool
+    date: dt.date | None
+    mode: str
+
+
+@dataclass(frozen=True)
+class Zda:
+    """Date."""
+
+    t_day_ms: int
+    date: dt.date
+
+
+@dataclass(frozen=True)
+class Gsa:
+    """Dilution of precision; repeated for each constellation, and the one sentence here without a time."""
+
+    pdop: float | None
+
+
+Record = Gga | Gst | Rmc | Zda | Gsa
+
+
+def decode(body: bytes) -> Record | None:
+    """The record in a sentence's text between `$` and `*`; None for a sentence that is not used here.
+
+    Raises MalformedError where a used sentence breaks its grammar or its range.
+    """
+    name = body[2:5].decode("latin-1")
+    grammar = _GRAMMAR.get(name)
+    if grammar is None or body[5:6] != b"," or body[:1] != b"G":
+        return None
+    fields = grammar.fullmatch(body.decode("latin-1"))
+    if fields is None:
+        raise MalformedError(name)
+    try:
+        return _DECODERS[name](fields, _parse(body))
+    except (NMEAParseError, NMEAMessageError, NMEATypeError, ValueError, TypeError) as error:
+        raise MalformedError(name) from error
+
+
+def _parse(body: bytes) -> Any:
+    """pynmeagps's message. The checksum was ours to judge, so it is not computed again."""
+    message = NMEAReader.parse(b"$" + body + b"*00\r\n", validate=0)
+    if message is None:
+        raise MalformedError(body[2:5].decode("latin-1"))
+    return message
+
+
+def _t_day_ms(fields: re.Match[str]) -> int:
+    """Milliseconds since midnight UTC; a leap second is 86 400 000 and more, which is on no clock."""
+    whole = (int(fields["hour"]) * 60 + int(fields["minute"])) * 60 + int(fields["second"])
+    if fields["second"] == "60":
+        whole = max(whole, MS_PER_DAY // 1000)
+    return whole * 1000 + int(float("0." + (fields["fraction"] or "0")) * 1000 + 0.5)
+
+
+def _gga(fields: re.Match[str], message: Any) -> Gga:
+    has_position = fields["lat_deg"] is not None
+    if has_position and (abs(message.lat) > 90 or abs(message.lon) > 180):
+        raise MalformedError("GGA")
+    return Gga(
+        t_day_ms=_t_day_ms(fields),
+        lat_deg=message.lat if has_position else None,
+        lon_deg=message.lon if has_position else None,
+        quality=message.quality,
+        satellites=int(fields["satellites"] or 0),
+        altitude_m=message.alt if fields["altitude"] else None,
+        separation_m=message.sep if fields["separation"] else None,
+        age_s=float(fields["age"]) if fields["age"] else None,
+        station=fields["station"],
+        decimals=min(len(fields["lat_decimals"] or ""), len(fields["lon_decimals"] or "")),
+        altitude_decimals=len(fields["altitude_decimals"] or ""),
+    )
+
+
+def _gst(fields: re.Match[str], message: Any) -> Gst:
+    return Gst(_t_day_ms(fields), (message.stdLong, message.stdLat, message.stdAlt))
+
+
+def _rmc(fields: re.Match[str], message: Any) -> Rmc:
+    date = message.date if fields["date"] else None
+    return Rmc(_t_day_ms(fields), fields["status"] == "A", date, fields["mode"] or "")
+
+
+def _zda(fields: re.Match[str], message: Any) -> Zda:
+    return Zda(_t_day_ms(fields), dt.date(message.year, message.month, message.day))
+
+
+def _gsa(fields: re.Match[str], message: Any) -> Gsa:
+    return Gsa(message.PDOP if fields["pdop"] else None)
+
+
+_DECODERS: Final[dict[str, Callable[[re.Match[str], Any], Record]]] = {
+    "GGA": _gga,
+    "GST": _gst,
+    "RMC": _rmc,
+    "ZDA": _zda,
+    "GSA": _gsa,
+}

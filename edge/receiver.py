@@ -1,0 +1,204 @@
+"""The thread that owns the receiver's port, and what it makes of it: an averaged Fix, or the reason why there is none.
+
+The hazard is silence that all looks the same: an unplugged cable, a receiver without power, a wrong baud rate, no
+corrections and a tripod that sways end alike in "no position". Each is told apart here, with what to do about it. The
+port is looked for again every second by its stable name; after a loss nothing half-read and no half-fixed ambiguity is
+carried over.
+"""
+
+import datetime as dt
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from itertools import cycle
+from typing import Final
+
+from edge.averaging import SERVICES
+from edge.config import GnssConfig
+from edge.errors import ConfigError
+from edge.gnss import Policy, metres_per_degree
+from edge.messages import Fix
+from edge.port import Fault, Port, PortError, open_port
+from edge.receiver_health import Level, ReceiverStatus, State, Watch, counters, diagnose
+from edge.session import StaticSession, Surveyed, t_unix_ns
+
+log = logging.getLogger(__name__)
+
+RETRY_S: Final = 1.0  # between attempts to open a port that is not there
+SNAPSHOT_S: Final = 0.5  # an average of ten minutes costs a millisecond; twice a second is enough to watch it
+AUTOBAUD: Final = (115200, 38400, 460800, 230400, 921600, 9600, 57600)  # the commonest first
+MAX_HORIZONTAL_LEVER_M: Final = 0.010  # its direction is unknown before the camera's heading is
+# Week counters wrap after 19.7 years; a receiver that wrapped says a date before this program existed.
+EARLIEST: Final = dt.date(2025, 1, 1)
+
+
+class Receiver:
+    """An RTK receiver in a thread of its own.
+
+    `start`, then ask `fix()` and `status()` whenever you like: both return at once. `stop` joins within a second.
+    on_position is called in the reader's thread with every accepted epoch.
+    """
+
+    def __init__(
+        self,
+        config: GnssConfig,
+        *,
+        opener: Callable[[str, int], Port] = open_port,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        unix_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """Raises ConfigError where the antenna's offset cannot be allowed for."""
+        check_lever_arm(config)
+        self._config = config
+        self._opener = opener
+        self._monotonic_s = monotonic_s
+        self._unix_ns = unix_ns
+        self._bauds = cycle(AUTOBAUD) if config.baud == 0 else cycle((config.baud,))
+        self._baud = next(self._bauds)
+        self._session = self._new_session()
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._fix: Fix | None = None
+        self._surveyed: Surveyed | None = None
+        self._status = ReceiverStatus(State.STARTING, "warn", "not opened yet")
+        self._restart = False
+        self._thread = threading.Thread(target=self._run, name="gnss", daemon=True)
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop reading, give the port back and join the thread."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=2.0)
+
+    def fix(self) -> Fix | None:
+        """The camera's position as averaged so far; None while there is none to be believed (`status` says why)."""
+        with self._lock:
+            return self._fix
+
+    def surveyed(self) -> Surveyed | None:
+        """The antenna's position as averaged so far, with its parts and its fault if it has one."""
+        with self._lock:
+            return self._surveyed
+
+    def status(self) -> ReceiverStatus:
+        """State, reason and next action."""
+        with self._lock:
+            return self._status
+
+    def restart(self) -> None:
+        """Forget the positions so far: another tripod, or another occupation."""
+        with self._lock:
+            self._restart = True
+            self._fix = None
+            self._surveyed = None
+
+    def _new_session(self) -> StaticSession:
+        recorded = "://" not in self._config.device and not self._config.device.startswith("/dev/")
+        policy = Policy(
+            separation_m=self._config.separation_m,
+            accept_unknown_age=self._config.accept_unknown_age,
+            earliest=None if recorded else EARLIEST,
+        )
+        service = SERVICES[self._config.service]
+        return StaticSession(service, policy, baseline_m=self._config.baseline_m)
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._read_until_lost()
+            except PortError as error:
+                self._session.interrupt(self._monotonic_s())
+                self._report_fault(error)
+                if error.fault is Fault.ENDED:
+                    return
+            self._stopping.wait(RETRY_S)
+
+    def _read_until_lost(self) -> None:
+        port = self._opener(self._config.device, self._baud)
+        log.info("%s: open at %d baud", self._config.device, self._baud)
+        try:
+            watch = Watch(self._monotonic_s(), self._baud, self._session.frame_counts.copy())
+            while not self._stopping.is_set():
+                self._take(port.read(), watch)
+                if self._config.baud == 0 and watch.wrong_baud(self._monotonic_s(), self._session):
+                    self._baud = next(self._bauds)
+                    return
+        finally:
+            port.close()
+
+    def _take(self, data: bytes, watch: Watch) -> None:
+        now_s = self._monotonic_s()
+        with self._lock:
+            if self._restart:
+                self._session.restart()
+                self._restart = False
+        if data:
+            watch.last_byte_s = now_s
+        if accepted := self._session.feed(data, now_s):
+            host_ns = self._unix_ns()
+            watch.host_minus_gnss_s = (host_ns - t_unix_ns(accepted[-1], host_ns)) * 1e-9
+        if now_s - watch.last_snapshot_s >= SNAPSHOT_S:
+            watch.last_snapshot_s = now_s
+            self._publish(watch, now_s)
+
+    def _publish(self, watch: Watch, now_s: float) -> None:
+        surveyed = self._session.surveyed()
+        status = diagnose(self._session, surveyed, watch, now_s)
+        fix = None
+        if surveyed and status.state is State.AVERAGING:
+            fix = make_fix(surveyed, self._config, self._unix_ns())
+        with self._lock:
+            if self._restart:
+                return
+            if status.state is not self._status.state:
+                log.info("%s: %s: %s; %s", self._config.device, status.state, status.reason, status.action)
+            self._surveyed, self._fix, self._status = surveyed, fix, status
+
+    def _report_fault(self, error: PortError) -> None:
+        ended = error.fault is Fault.ENDED
+        surveyed = self._session.surveyed()
+        usable = ended and surveyed is not None and not surveyed.mean.fault
+        with self._lock:
+            if self._status.state != error.fault.value:
+                log.warning("%s", error)
+            self._surveyed = surveyed
+            self._fix = make_fix(surveyed, self._config, self._unix_ns()) if usable and surveyed else None
+            reason = surveyed.mean.fault if ended and surveyed and surveyed.mean.fault else error.what
+            level: Level = "ok" if usable else "fail"
+            self._status = ReceiverStatus(
+                State(error.fault.value), level, reason, error.action, counters(self._session)
+            )
+
+
+def check_lever_arm(config: GnssConfig) -> None:
+    """Refuse an antenna beside the lens: which way it lies is not known before the camera's heading is."""
+    horizontal_m = math.hypot(*config.lever_arm_m[:2])
+    if horizontal_m > MAX_HORIZONTAL_LEVER_M:
+        raise ConfigError(
+            f"lever_arm_m puts the antenna {horizontal_m * 1000:.0f} mm beside the lens",
+            where="gnss.lever_arm_m",
+            action=f"mount it above the lens, within {MAX_HORIZONTAL_LEVER_M * 1000:.0f} mm of its plumb line",
+        )
+
+
+def make_fix(surveyed: Surveyed, config: GnssConfig, host_unix_ns: int) -> Fix:
+    """The message: the camera's position, the antenna's lever arm taken off."""
+    east_m, north_m, up_m = config.lever_arm_m
+    per_lon_m, per_lat_m = metres_per_degree(surveyed.lat_deg)
+    east_sigma, north_sigma, up_sigma = (float(sigma) for sigma in surveyed.mean.sigma_m)
+    return Fix(
+        t_unix_ns=t_unix_ns(surveyed.latest, host_unix_ns),
+        lat_deg=surveyed.lat_deg - north_m / per_lat_m,
+        lon_deg=surveyed.lon_deg - east_m / per_lon_m,
+        height_m=surveyed.height_m - up_m,
+        quality=4,
+        sigma_m=(east_sigma, north_sigma, up_sigma),
+        frame=config.frame,
+        samples=surveyed.mean.samples,
+    )

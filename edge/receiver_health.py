@@ -1,0 +1,147 @@
+"""What is wrong with the receiver and what to do: every cause of "no position" told apart. Pure: it is handed the time."""
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final, Literal
+
+from edge.gnss import Reason
+from edge.session import StaticSession, Surveyed
+
+SILENT_S: Final = 3.0  # every receiver speaks at least once a second
+STALE_S: Final = 10.0  # a mean that has got no epoch for so long is not the antenna's present position
+AUTOBAUD_PATIENCE_S: Final = 2.5  # a receiver at 1 Hz speaks at least twice in it
+SENTENCES_PROVE_BAUD: Final = 2  # one checksum of eight bits may be right by chance
+MAX_CLOCK_APART_S: Final = 1.0  # serial positions come 10 to 700 ms late; more is a clock that is wrong
+
+Level = Literal["ok", "warn", "fail"]
+
+
+class State(StrEnum):
+    """Where the receiver stands."""
+
+    STARTING = "starting"
+    ABSENT = "absent"
+    DENIED = "denied"
+    BUSY = "busy"
+    REFUSED = "refused"
+    LOST = "lost"
+    SILENT = "silent"
+    UNREADABLE = "unreadable"
+    NO_FIX = "no fix"
+    DOUBTED = "doubted"
+    AVERAGING = "averaging"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True)
+class ReceiverStatus:
+    """How the receiver is: state, its weight, why, and what to do. counters only grow."""
+
+    state: State
+    level: Level
+    reason: str
+    action: str = ""
+    counters: dict[str, int] = field(default_factory=dict)
+    host_minus_gnss_s: float | None = None
+
+
+Finding = tuple[State, Level, str, str]
+
+
+@dataclass
+class Watch:
+    """What is known about one opening of the port."""
+
+    opened_s: float
+    baud: int
+    counts_before: dict[str, int]
+    last_byte_s: float | None = None
+    last_snapshot_s: float = float("-inf")
+    host_minus_gnss_s: float | None = None
+
+    def grown(self, session: StaticSession, name: str) -> int:
+        """How much a frame counter has grown since the port was opened."""
+        return session.frame_counts[name] - self.counts_before.get(name, 0)
+
+    def frames(self, session: StaticSession) -> int:
+        """Whole frames since the port was opened."""
+        return self.grown(session, "nmea") + self.grown(session, "ubx")
+
+    def wrong_baud(self, now_s: float, session: StaticSession) -> bool:
+        """Whether another rate should be tried: nothing readable has come for a while."""
+        return now_s - self.opened_s > AUTOBAUD_PATIENCE_S and self.frames(session) < SENTENCES_PROVE_BAUD
+
+
+def diagnose(session: StaticSession, surveyed: Surveyed | None, watch: Watch, now_s: float) -> ReceiverStatus:
+    """The status of an open port at monotonic now_s."""
+    state, level, reason, action = (
+        _of_line(session, watch, now_s) or _of_epochs(session, now_s) or _of_mean(surveyed, watch)
+    )
+    return ReceiverStatus(state, level, reason, action, counters(session), watch.host_minus_gnss_s)
+
+
+def _of_line(session: StaticSession, watch: Watch, now_s: float) -> Finding | None:
+    """What the bytes say, if they say that something is wrong."""
+    silent_s = now_s - (watch.last_byte_s or watch.opened_s)
+    if silent_s > SILENT_S:
+        action = "check the receiver's power and that it sends on this port"
+        return State.SILENT, "fail", f"no byte for {silent_s:.0f} s", action
+    unread_s = now_s - (session.last_sentence_s or watch.opened_s)
+    if min(unread_s, now_s - watch.opened_s) > SILENT_S:
+        reason = f"bytes come at {watch.baud} baud, but no sentence in them"
+        return State.UNREADABLE, "fail", reason, "set the receiver's baud rate, or 0 to try them all"
+    return None
+
+
+def _of_epochs(session: StaticSession, now_s: float) -> Finding | None:
+    """Why no epoch has been accepted lately, if none has."""
+    if session.last_accepted_s is not None and now_s - session.last_accepted_s <= STALE_S:
+        return None
+    if session.last_refusal is None:
+        action = "make it send GGA, or NAV-PVT and NAV-HPPOSLLH"
+        return State.NO_FIX, "warn", "no position among its sentences", action
+    return State.NO_FIX, "warn", str(session.last_refusal), ACTIONS[session.last_refusal.reason]
+
+
+def _of_mean(surveyed: Surveyed | None, watch: Watch) -> Finding:
+    """What the average is worth."""
+    if surveyed is None:
+        return State.AVERAGING, "warn", "averaging begins", "wait"
+    mean = surveyed.mean
+    if mean.young:
+        return State.DOUBTED, "warn", mean.fault, "wait"
+    if mean.fault:
+        action = "break the corrections or cover the antenna, let it fix again, and do not move it"
+        return State.DOUBTED, "fail", mean.fault, action
+    if watch.host_minus_gnss_s is not None and abs(watch.host_minus_gnss_s) > MAX_CLOCK_APART_S:
+        reason = f"this box's clock is {watch.host_minus_gnss_s:+.1f} s off the receiver's UTC"
+        return State.AVERAGING, "warn", reason, "set the box's clock: run chrony"
+    if mean.warnings:
+        return State.AVERAGING, "warn", mean.warnings[0], "change the receiver's settings"
+    sigma_mm = math.hypot(*mean.sigma_m[:2]) * 1000
+    return State.AVERAGING, "ok", f"{mean.samples} epochs, {sigma_mm:.0f} mm horizontal", ""
+
+
+ACTIONS: Final = {
+    Reason.NO_POSITION: "give the antenna a free view of the sky and wait",
+    Reason.QUALITY: "check that corrections reach the receiver, and wait for it to fix",
+    Reason.AGE: "check the link that brings the corrections",
+    Reason.AGE_UNKNOWN: "make the receiver send the age, or set accept_unknown_age",
+    Reason.RESOLUTION: "switch the receiver's high-precision output on (u-blox: CFG-NMEA-HIGHPREC)",
+    Reason.SEPARATION: "make the receiver send the geoid separation, or set separation_m",
+    Reason.RANGE: "check the receiver's settings",
+    Reason.DOUBT: "give the antenna a free view of the sky and wait",
+    Reason.DISAGREE: "restart the receiver",
+    Reason.DATE: "update the receiver's firmware: its week counter has wrapped",
+    Reason.LEAP_SECOND: "wait a second",
+    Reason.TIME_ORDER: "stop whatever else writes to this port",
+    Reason.JUMP: "keep the antenna still",
+    Reason.UNCONFIRMED: "keep the antenna still",
+}
+
+
+def counters(session: StaticSession) -> dict[str, int]:
+    """Bytes, frames, epochs accepted, and refused for each reason."""
+    refused = {f"refused: {reason}": count for reason, count in session.refusals.items() if count}
+    return {**session.frame_counts, **session.counts, **refused}

@@ -1,0 +1,190 @@
+"""From a receiver's bytes to a surveyed position: framing, decoding, joining, both gates and the average, in order.
+
+Pure: bytes and times are handed in, so a live receiver, a recording and a test run the same code. A session looks at
+the last ten minutes only: longer averaging gains little, and a tripod that was moved is believed again after that.
+"""
+
+import datetime as dt
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from edge import nmea, ubx
+from edge.averaging import SERVICES, Service, StaticMean, average
+from edge.epoch import Epoch, EpochAssembler
+from edge.framing import Frame, Framer
+from edge.gnss import (
+    CONFIRMATIONS,
+    Policy,
+    Position,
+    Reason,
+    Refusal,
+    StillnessGate,
+    elapsed_ms,
+    judge,
+    metres_per_degree,
+    offset_m,
+)
+
+WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardly anything
+MOST_EPOCHS: Final = 12_000  # ten minutes at 20 Hz
+NS_PER_MS: Final = 1_000_000
+NS_PER_DAY: Final = nmea.MS_PER_DAY * NS_PER_MS
+
+
+@dataclass(frozen=True)
+class Surveyed:
+    """A session's result: degrees, ellipsoidal metres, and the mean it comes from."""
+
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+    mean: StaticMean
+    latest: Position
+
+
+@dataclass(frozen=True)
+class _Accepted:
+    t_s: float
+    segment: int
+    position: Position
+    offset_m: tuple[float, float, float]
+
+
+class StaticSession:
+    """One antenna at rest."""
+
+    def __init__(
+        self, service: Service = SERVICES["network-rtk"], policy: Policy | None = None, *, baseline_m: float = 0.0
+    ) -> None:
+        self._service = service
+        self._policy = policy or Policy()
+        self._baseline_m = baseline_m
+        self._framer = Framer()
+        self._assembler = EpochAssembler()
+        self._gate = StillnessGate()
+        self._window: deque[_Accepted] = deque(maxlen=MOST_EPOCHS)
+        self._segment = 0
+        self._now_s = 0.0
+        self._provisional: deque[Reason] = deque(maxlen=CONFIRMATIONS)
+        self.counts: Counter[str] = Counter()
+        self.refusals: Counter[Reason] = Counter()
+        self.last_refusal: Refusal | None = None
+        self.last_sentence_s: float | None = None
+        self.last_accepted_s: float | None = None
+
+    @property
+    def frame_counts(self) -> Counter[str]:
+        """Bytes and frames so far."""
+        return self._framer.counts
+
+    def feed(self, data: bytes, t_s: float) -> list[Position]:
+        """The positions accepted because of `data`, which came at monotonic t_s. Feed b"" when nothing comes."""
+        epochs: list[Epoch] = []
+        for frame in self._framer.feed(data, t_s):
+            epochs += self._add(frame, t_s)
+        epochs += self._assembler.idle(t_s)
+        return [position for epoch in epochs for position in self._take(epoch, t_s)]
+
+    def interrupt(self, t_s: float) -> list[Position]:
+        """The port was lost or has ended: finish what is open, begin a new segment."""
+        self._framer.reset()
+        accepted = [position for epoch in self._assembler.flush() for position in self._take(epoch, t_s)]
+        self._gate.interrupt()
+        return accepted
+
+    def restart(self) -> None:
+        """Forget all positions: another tripod, or another occupation of the same."""
+        self._gate.interrupt()
+        self._window.clear()
+
+    def surveyed(self) -> Surveyed | None:
+        """The position averaged so far; None before the first accepted epoch. Its mean's `fault` may forbid its use."""
+        if not self._window:
+            return None
+        first = self._window[0].position
+        enu = np.array([accepted.offset_m for accepted in self._window])
+        mean = average(
+            np.array([accepted.t_s for accepted in self._window]),
+            enu,
+            np.array([accepted.segment for accepted in self._window]),
+            self._service,
+            step_m=first.step_m,
+            baseline_m=self._baseline_m,
+        )
+        origin = self._origin
+        east_m, north_m = metres_per_degree(origin.lat_deg)
+        east, north, up = (float(value) for value in mean.mean_m)
+        return Surveyed(
+            origin.lat_deg + north / north_m,
+            (origin.lon_deg + east / east_m + 180) % 360 - 180,
+            origin.height_m + up,
+            mean,
+            self._window[-1].position,
+        )
+
+    def _add(self, frame: Frame, t_s: float) -> list[Epoch]:
+        try:
+            record = nmea.decode(frame.body) if frame.kind == "nmea" else ubx.decode(frame.body)
+        except nmea.MalformedError:
+            self.counts["malformed"] += 1
+            return []
+        if frame.kind == "nmea" or record is not None:
+            self.last_sentence_s = t_s
+        return self._assembler.add(record, t_s) if record is not None else []
+
+    def _take(self, epoch: Epoch, t_s: float) -> list[Position]:
+        if epoch.gga is None and epoch.pvt is None:
+            return []  # a date or a sigma by itself is no epoch
+        self.counts["epochs"] += 1
+        judged = judge(epoch, self._policy)
+        if isinstance(judged, Refusal):
+            if judged.reason is Reason.QUALITY:
+                self._gate.interrupt()
+            self._refuse(judged)
+            return []
+        verdict = self._gate.judge(judged)
+        if verdict.refusal:
+            self._provisional.append(verdict.refusal.reason)
+            self._refuse(verdict.refusal)
+            return []
+        return self._accept(verdict.accepted, verdict.segment, t_s)
+
+    def _refuse(self, refusal: Refusal) -> None:
+        self.refusals[refusal.reason] += 1
+        self.last_refusal = refusal
+
+    def _accept(self, positions: tuple[Position, ...], segment: int, t_s: float) -> list[Position]:
+        # Those that had only been waiting were counted as refused.
+        for _ in positions[1:]:
+            self.refusals[self._provisional.pop()] -= 1
+        self._provisional.clear()
+        self.counts["accepted"] += len(positions)
+        silence_s = t_s - self.last_accepted_s if self.last_accepted_s is not None else 0.0
+        self.last_accepted_s = t_s
+        for position in positions:
+            self._append(position, segment, silence_s if segment != self._segment else 0.0)
+            self._segment = segment
+        return list(positions)
+
+    def _append(self, position: Position, segment: int, silence_s: float) -> None:
+        """silence_s: how long nothing was accepted, by our own clock; the receiver's may have been set meanwhile."""
+        if not self._window:
+            self._origin, self._now_s = position, 0.0
+        else:
+            step_s = elapsed_ms(position.t_day_ms, self._window[-1].position.t_day_ms) / 1000
+            self._now_s += max(step_s, silence_s)
+        self._window.append(_Accepted(self._now_s, segment, position, offset_m(position, self._origin)))
+        while self._window[0].t_s < self._now_s - WINDOW_S:
+            self._window.popleft()
+
+
+def t_unix_ns(position: Position, host_unix_ns: int) -> int:
+    """UTC of a position: its own date if it has one, else the day that brings it nearest to the host's clock."""
+    since_midnight_ns = position.t_day_ms * NS_PER_MS
+    if position.date is not None:
+        return (position.date - dt.date(1970, 1, 1)).days * NS_PER_DAY + since_midnight_ns
+    day = round((host_unix_ns - since_midnight_ns) / NS_PER_DAY)
+    return day * NS_PER_DAY + since_midnight_ns
