@@ -1,0 +1,86 @@
+"""Sources of frames behind one interface: V4L2, RTSP, video file, image folder."""
+
+import re
+import threading
+from pathlib import Path
+from typing import Final, Literal
+
+import cv2
+
+from edge.capture.files import ImageFolder, VideoFile
+from edge.capture.frame import Frame, Image, Source, TimeSource
+from edge.capture.live import RtspStream, V4l2Camera, open_rtsp, open_v4l2
+from edge.capture.pacing import Realtime
+from edge.config import CameraConfig
+from edge.errors import ConfigError
+
+__all__ = ["Frame", "Image", "Source", "TimeSource", "kind_of", "open_source"]
+
+# A recording that nobody dated is dated to this instant, so that it can be looked at, with a bound that says so.
+UNDATED_T_UNIX_NS: Final = 1_500_000_000 * 10**9
+UNDATED_BOUND_S: Final = None
+FOLDER_FPS: Final = 30.0  # for images that carry no time
+
+Kind = Literal["file", "v4l2", "rtsp", "folder"]
+
+cv2.setNumThreads(1)  # frames are worked on side by side by processes, not within one
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # luma retrieval warns once a frame
+
+
+def kind_of(camera: CameraConfig) -> Kind:
+    """What kind of source a path names. Raises ConfigError where it could be several."""
+    source = camera.source
+    if source.kind != "auto":
+        return source.kind
+    if re.match(r"rtsps?://", source.path):
+        return "rtsp"
+    if re.match(r"/dev/video\d+$|/dev/v4l/", source.path):
+        return "v4l2"
+    if "://" in source.path:
+        raise ConfigError(
+            f"source {source.path} is of no known kind",
+            where=f"camera {camera.id}",
+            action='give an rtsp:// address, a file, a folder or /dev/videoN, or say source.kind = "rtsp"',
+        )
+    return "folder" if Path(source.path).is_dir() else "file"
+
+
+def open_source(camera: CameraConfig, *, colour: bool, stop: threading.Event) -> Source:
+    """The camera's source, opened. colour: whether BGR is needed. stop: set to end every wait within it.
+    Raises SourceError, ConfigError."""
+    kind = kind_of(camera)
+    source = camera.source
+    if kind == "v4l2":
+        return V4l2Camera(
+            open_v4l2(source.path, source.size_px, source.pixel_format, source.fps, source.timeout_s),
+            source.path,
+            colour=colour,
+            stamp_of=source.stamp_of,
+            exposure_s=camera.exposure_s,
+            readout_s=camera.readout_s,
+            delay_s=source.delay_s,
+        )
+    if kind == "rtsp":
+        return RtspStream(open_rtsp(source.path, source.timeout_s), source.path, colour=colour, delay_s=source.delay_s)
+    return _open_recording(camera, kind, colour, stop)
+
+
+def _open_recording(camera: CameraConfig, kind: Kind, colour: bool, stop: threading.Event) -> Source:
+    source = camera.source
+    dated = source.t0_unix_ns is not None
+    t0_unix_ns = (source.t0_unix_ns if dated else UNDATED_T_UNIX_NS) - round(source.delay_s * 1e9)  # type: ignore[operator]
+    bound_s = source.bound_s if dated else UNDATED_BOUND_S
+    if kind == "folder":
+        return ImageFolder(
+            source.path,
+            t0_unix_ns=t0_unix_ns,
+            bound_s=bound_s,
+            fps=source.fps or FOLDER_FPS,
+            follow=source.follow,
+            colour=colour,
+            stop=stop,
+        )
+    video = VideoFile(
+        source.path, t0_unix_ns=t0_unix_ns, bound_s=bound_s, colour=colour, fps=source.fps, loop=source.loop
+    )
+    return Realtime(video, stop, source.start_at_unix_ns) if source.realtime else video

@@ -1,0 +1,54 @@
+"""From the times a stream carries to UTC. Pure: what was observed is handed in.
+
+Three hazards. A camera's presentation times count from nowhere, and only the sender's own report ties them to UTC.
+Where there is no report, arrival is all there is: always late, by a delay that jumps, so the least delayed frames of a
+while are the measure. And a presentation time rounded to whole frames is off by up to half a frame.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+ENVELOPE_S: Final = 30.0  # s of frames the least delay is sought in: clocks drift 1 ms in as long
+ARRIVAL_BOUND_S: Final = 0.1  # s: network, decoder and buffer of an ordinary IP camera, measured 30 to 100 ms
+SENDER_BOUND_S: Final = (
+    0.005  # s: resolution of a sender report seen through the decoder, beside the sender's own clock
+)
+SENSOR_BOUND_S: Final = 0.002  # s: driver stamps jitter by a USB microframe to a scheduler tick
+PLAUSIBLE_SENDER_S: Final = 3600.0  # s: a sender's clock further off than this was never set
+
+
+@dataclass
+class LeastDelay:
+    """Maps stream times to UTC by the least delayed arrival of the last ENVELOPE_S."""
+
+    _seen: deque[tuple[int, int]] = field(default_factory=deque)  # (stream ns, arrival minus stream ns), rising
+
+    def unix_ns(self, stream_ns: int, arrival_unix_ns: int) -> int:
+        """UTC of a frame at stream_ns that arrived at arrival_unix_ns. Never later than its arrival."""
+        delay = arrival_unix_ns - stream_ns
+        while self._seen and self._seen[-1][1] >= delay:
+            self._seen.pop()
+        self._seen.append((stream_ns, delay))
+        while self._seen[0][0] < stream_ns - ENVELOPE_S * 1e9:
+            self._seen.popleft()
+        return stream_ns + self._seen[0][1]
+
+
+@dataclass
+class FrameRounding:
+    """The mean of (rounded presentation time - exact position), which ties exact positions to the sender's clock."""
+
+    _sum_ms: float = 0.0
+    _count: int = 0
+
+    def offset_ms(self, rounded_ms: float, exact_ms: float) -> float:
+        """The mean after one more pair."""
+        self._sum_ms += rounded_ms - exact_ms
+        self._count += 1
+        return self._sum_ms / self._count
+
+
+def sender_is_plausible(sender_unix_ns: int, arrival_unix_ns: int) -> bool:
+    """Whether a time a sender claims can be UTC at all."""
+    return abs(sender_unix_ns - arrival_unix_ns) < PLAUSIBLE_SENDER_S * 1e9

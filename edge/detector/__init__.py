@@ -1,0 +1,34 @@
+"""What finds objects in frames: the two-stage detector for static cameras, and any user's model on whole frames."""
+
+from edge.config import SHIPPED_MODEL, DetectorConfig
+from edge.detector.detections import Array, Detections, Detector
+from edge.detector.formats import SKYFIX_NOTE
+from edge.detector.full_frame import FullFrame
+from edge.detector.full_scan import FullScan
+from edge.detector.session import open_model
+from edge.detector.skyfix import StackNet
+from edge.detector.two_stage import TwoStage
+from edge.errors import ConfigError
+
+__all__ = ["Array", "Detections", "Detector", "open_detector"]
+
+
+def open_detector(config: DetectorConfig, *, background: bool) -> Detector:
+    """The detector a configuration asks for. background: full scans beside the frames.
+
+    Raises ModelError, ConfigError.
+    """
+    path = config.model or SHIPPED_MODEL
+    model = open_model(path, config.threads)
+    ours = SKYFIX_NOTE in model.notes and config.format in ("auto", "skyfix")
+    if ours and config.mode in ("auto", "two_stage"):
+        return TwoStage(StackNet(model), config, background=background)
+    if ours:
+        return FullScan(StackNet(model), config)
+    if config.mode == "two_stage":
+        raise ConfigError(
+            "two_stage needs a model of the skyfix format",
+            where=f"detector.model {path}",
+            action='leave detector.model out for the one shipped, or set detector.mode to "full_frame"',
+        )
+    return FullFrame(model, config)

@@ -1,0 +1,37 @@
+"""The shipped model on every whole frame: for a camera that moves, where differences over time say nothing."""
+
+import numpy as np
+
+from edge.capture.frame import Frame
+from edge.config import DetectorConfig
+from edge.detector.detections import Array, Detections
+from edge.detector.history import History
+from edge.detector.scan import padded_stack
+from edge.detector.skyfix import StackNet
+
+
+class FullScan:
+    """A skyfix model over each whole frame, at native resolution."""
+
+    colour = False
+
+    def __init__(self, net: StackNet, config: DetectorConfig) -> None:
+        self._net = net
+        self._config = config
+        self._history = History(net.past_s)
+        self._frames = 0
+        self.class_names = config.class_names or net.class_names
+
+    def detect(self, frame: Frame, expected_px: Array) -> Detections:
+        """The objects in a frame; `expected_px` is not needed here."""
+        self._frames += 1
+        self._history.push(frame)
+        found = self._net.run(padded_stack([frame.image, *self._history.past()]), self._config.score_min)[0]
+        return found.where(np.argsort(-found.score, kind="stable")[: self._config.max_detections])
+
+    def counters(self) -> dict[str, float]:
+        """Frames looked at."""
+        return {"detector_frames": float(self._frames)}
+
+    def close(self) -> None:
+        """Nothing to end."""

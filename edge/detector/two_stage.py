@@ -1,0 +1,89 @@
+"""Two stages for a camera that stands still: motion and memory say where, a small network says what and exactly where.
+
+Every frame: where tracks are expected, where the last full scan saw something, and where something moved, small crops
+are cut at native resolution from now and the recent past, and judged in one batch. Their findings are merged, never
+replaced: a full scan only ever adds places to look at.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from edge.capture.frame import Frame, Image
+from edge.config import DetectorConfig
+from edge.detector.crops import Crop, choose, cut, whole
+from edge.detector.detections import Array, Detections, together
+from edge.detector.history import History
+from edge.detector.motion import MotionDetector
+from edge.detector.nms import suppress
+from edge.detector.scan import Scanner
+from edge.detector.skyfix import StackNet
+
+SAME_OBJECT_IOU: Final = 0.2  # one object in two crops overlaps itself by far more, two objects by less
+
+
+class TwoStage:
+    """The detector for static cameras. background: run full scans beside the frames, not within them."""
+
+    colour = False
+
+    def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool) -> None:
+        self._net = net
+        self._config = config
+        self._history = History(net.past_s)
+        self._motion = MotionDetector()
+        self._scanner = Scanner(net, config.score_min, config.scan_period_s, background=background)
+        self._last_t_unix_ns = 0
+        self._counts = {"detector_frames": 0.0, "detector_crops": 0.0, "detector_all_moving": 0.0}
+        self.class_names = config.class_names or net.class_names
+
+    def detect(self, frame: Frame, expected_px: Array) -> Detections:
+        """The objects in a frame. expected_px: `(M, 3)` of u, v, extent where tracks are expected."""
+        if self._history.push(frame):
+            self._motion.forget()
+        past = self._history.past()
+        images = [frame.image, *past]
+        interval_s = max(0.0, (frame.t_unix_ns - self._last_t_unix_ns) / 1e9)
+        self._last_t_unix_ns = frame.t_unix_ns
+        blobs = self._motion.propose(frame.image, past, interval_s)
+        self._scanner.offer(frame.t_unix_ns, images)
+        regions = np.concatenate(
+            [
+                expected_px.reshape(-1, 3),
+                self._scanner.take(),
+                np.column_stack([blobs.centre_px, blobs.extent_px]),
+            ]
+        )
+        crops = choose(regions, frame.size_px, self._config.max_crops)
+        self._counts["detector_frames"] += 1
+        self._counts["detector_crops"] += len(crops)
+        self._counts["detector_all_moving"] += blobs.share > 0 and not len(blobs.strength)
+        return self._judge(frame, images, crops)
+
+    def _judge(self, frame: Frame, images: list[Image], crops: list[Crop]) -> Detections:
+        if not crops:
+            return together([], len(self.class_names))
+        found = self._net.run(cut(images, crops), self._config.score_min)
+        parts = [_in_frame(part, crop, frame.size_px) for part, crop in zip(found, crops, strict=True)]
+        merged = together(parts, len(self.class_names))
+        keep = suppress(merged.centre_px, merged.size_px, merged.score, SAME_OBJECT_IOU)
+        return merged.where(keep[: self._config.max_detections])
+
+    def counters(self) -> dict[str, float]:
+        """Frames, crops and scans so far."""
+        return {**self._counts, "detector_scans": float(self._scanner.scans)}
+
+    def close(self) -> None:
+        """End the scanning thread."""
+        self._scanner.close()
+
+
+def _in_frame(part: Detections, crop: Crop, frame_px: tuple[int, int]) -> Detections:
+    part = part.where(whole(part.centre_px, crop, frame_px))
+    return Detections(
+        crop.to_frame(part.centre_px),
+        part.size_px * crop.reduction,
+        part.score,
+        part.sigma_px * crop.reduction,
+        part.classes,
+    )

@@ -1,0 +1,13 @@
+"""Temporal gating: confirm what is seen again, bridge gaps, give track numbers. Pure; live and offline the same."""
+
+from edge.config import GateConfig
+from edge.gate.paper import PaperGate
+from edge.gate.rows import Gate, Row
+from edge.gate.tracks import TrackGate
+
+__all__ = ["Gate", "PaperGate", "Row", "TrackGate", "make_gate"]
+
+
+def make_gate(config: GateConfig, size_px: tuple[int, int]) -> Gate:
+    """The gate of a profile, for images of size_px (width, height)."""
+    return PaperGate(size_px) if config.profile == "paper" else TrackGate(size_px, config)

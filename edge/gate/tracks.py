@@ -1,0 +1,153 @@
+"""The default gating: what is believed is a track that has been seen often enough and has gone somewhere.
+
+On a static camera the false detections are static clutter, which any rule of the kind "again within ten pixels"
+confirms. What tells an object from them is net movement; a drone that has moved once and then hovers stays believed.
+Every limit is in seconds and pixels per second, so that a camera of another frame rate or one that drops frames is
+gated the same way. When a track is believed, what it was seen as before is given too: those were measurements as well.
+"""
+
+from collections import deque
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from edge.config import GateConfig
+from edge.detector.detections import Array, Detections
+from edge.gate.clutter import ClutterMap
+from edge.gate.rows import Row, interpolate, rows_of
+from edge.gate.track import HISTORY_S, SIGMA_UNKNOWN_PX, Track
+
+GATE_SIGMAS: Final = 4.0  # innovations beyond this are another object: 1 in 3000 of the true ones, in two dimensions
+SLACK_PX: Final = 2.0  # a box detector's centre wanders by this much without saying so
+WINDOW_SLACK: Final = 1.6  # times confirm_hits frames: 5 hits in 8 frames
+TENTATIVE_GAP_S: Final = 0.3  # an unbelieved track not seen for so long is dropped
+UNMOVED_S: Final = 3.0  # an unbelieved track that has gone nowhere for so long is clutter
+CLUTTER_FACTOR: Final = 4.0  # in a wholly cluttered place a track must move so many times further, and once more
+WAITING_S: Final = 1.0  # how much of its unbelieved past a track gives when it is believed
+SIZE_RATIO_MAX: Final = 3.0  # a box three times as large is another object
+STATIC_CROPS: Final = 4  # places of unbelieved, unmoved tracks worth a look a frame: clutter must not eat the budget
+
+
+class TrackGate:
+    """Tracks over a stream of frames. size_px: width and height of the image."""
+
+    def __init__(self, size_px: tuple[int, int], config: GateConfig) -> None:
+        self._config = config
+        self._size_px = size_px
+        self._clutter = ClutterMap(size_px)
+        self._tracks: list[Track] = []
+        self._times: deque[int] = deque()
+        self._next_number = 1
+
+    def step(self, t_unix_ns: int, found: Detections) -> list[Row]:
+        """Rows decided by one more frame."""
+        if self._times and t_unix_ns <= self._times[-1]:
+            return []  # time does not go backwards within a segment; whoever feeds us counts this
+        self._times.append(t_unix_ns)
+        while self._times[0] < t_unix_ns - HISTORY_S * 1e9:
+            self._times.popleft()
+        measured = rows_of(t_unix_ns, found)
+        rows: list[Row] = []
+        for track, row in self._associate(t_unix_ns, measured):
+            rows += self._continue(track, row)
+        self._drop(t_unix_ns)
+        return rows
+
+    def _associate(self, t_unix_ns: int, measured: list[Row]) -> list[tuple[Track, Row]]:
+        """The nearest pairs first, believed tracks before others; what is left begins a track of its own."""
+        pairs = sorted(
+            (not track.confirmed, cost, i, k)
+            for i, track in enumerate(self._tracks)
+            for k, row in enumerate(measured)
+            if (cost := self._cost(track, row)) is not None
+        )
+        tracks, rows = set(range(len(self._tracks))), set(range(len(measured)))
+        matched = []
+        for _, _, i, k in pairs:
+            if i in tracks and k in rows:
+                tracks.discard(i)
+                rows.discard(k)
+                matched.append((self._tracks[i], measured[k]))
+        for k in sorted(rows):
+            self._begin(measured[k])
+        return matched
+
+    def _cost(self, track: Track, row: Row) -> float | None:
+        """Squared distance in sigmas, None if the row cannot be this track's."""
+        u, v, var = track.predict(row.t_unix_ns)
+        squared = (row.u_px - u) ** 2 + (row.v_px - v) ** 2
+        var += (row.sigma_px or SIGMA_UNKNOWN_PX) ** 2
+        dt = (row.t_unix_ns - track.t_unix_ns) / 1e9
+        reach_px = min(GATE_SIGMAS * var**0.5, self._config.speed_max_px_s * dt) + SLACK_PX
+        ratio = max(row.width_px, row.height_px, 1.0) / max(track.last.width_px, track.last.height_px, 1.0)
+        if squared > reach_px**2 or not 1 / SIZE_RATIO_MAX <= ratio <= SIZE_RATIO_MAX:
+            return None
+        return squared / var
+
+    def _begin(self, row: Row) -> None:
+        level = self._clutter.level(row.u_px, row.v_px)
+        track = Track(self._next_number, row, self._config.speed_max_px_s / 3, clutter=level)
+        track.waiting.append(replace(row, track=track.number))
+        self._next_number += 1
+        self._tracks.append(track)
+
+    def _continue(self, track: Track, measured: Row) -> list[Row]:
+        """Take a measurement into a track; the rows that are thereby decided."""
+        before = track.last
+        track.update(measured)
+        row = replace(measured, track=track.number, classes=track.class_scores())
+        if track.confirmed:
+            return [*self._bridge(replace(before, track=track.number), row), row]
+        track.waiting.append(row)
+        track.waiting = [kept for kept in track.waiting if kept.t_unix_ns >= row.t_unix_ns - WAITING_S * 1e9]
+        if not self._believable(track):
+            return []
+        track.confirmed = True
+        rows, track.waiting = track.waiting, []
+        bridged = [new for a, b in zip(rows, rows[1:], strict=False) for new in self._bridge(a, b)]
+        return sorted(rows + bridged, key=lambda kept: kept.t_unix_ns)
+
+    def _believable(self, track: Track) -> bool:
+        now, config = track.t_unix_ns, self._config
+        window_ns = max(config.confirm_window_s * 1e9, WINDOW_SLACK * config.confirm_hits * self._interval_ns())
+        if track.hits_since(round(now - window_ns)) < config.confirm_hits or track.best_score < config.score_confirm:
+            return False
+        enough_px = config.moved_min_px * (1 + CLUTTER_FACTOR * track.clutter)
+        track.has_moved = track.has_moved or track.moved_px(round(now - config.moved_window_s * 1e9)) >= enough_px
+        return track.has_moved
+
+    def _interval_ns(self) -> float:
+        return (self._times[-1] - self._times[0]) / max(1, len(self._times) - 1)
+
+    def _bridge(self, before: Row, after: Row) -> list[Row]:
+        if after.t_unix_ns - before.t_unix_ns > self._config.bridge_max_s * 1e9:
+            return []
+        return interpolate(before, after, [t for t in self._times if before.t_unix_ns < t < after.t_unix_ns])
+
+    def _drop(self, now_unix_ns: int) -> None:
+        kept = []
+        for track in self._tracks:
+            silent_s = (now_unix_ns - track.t_unix_ns) / 1e9
+            unmoved = not track.confirmed and now_unix_ns - track.born_unix_ns > UNMOVED_S * 1e9
+            if unmoved:
+                self._clutter.add(track.last.u_px, track.last.v_px, now_unix_ns)
+            elif silent_s <= (self._config.coast_max_s if track.confirmed else TENTATIVE_GAP_S):
+                kept.append(track)
+        self._tracks = kept
+
+    def expected(self, t_unix_ns: int) -> Array:
+        """Where the tracks should be: believed ones, then those seen twice, of the cluttered ones only a few."""
+        believed = [track for track in self._tracks if track.confirmed]
+        others = [track for track in self._tracks if not track.confirmed and len(track.places) > 1]
+        others.sort(key=lambda track: (track.clutter, -track.best_score))
+        rows = []
+        for track in believed + others[:STATIC_CROPS]:
+            u, v, _ = track.predict(t_unix_ns)
+            if 0 <= u < self._size_px[0] and 0 <= v < self._size_px[1]:
+                rows.append((u, v, max(track.last.width_px, track.last.height_px)))
+        return np.array(rows).reshape(-1, 3)
+
+    def flush(self) -> list[Row]:
+        """Nothing: a track that is not believed by now is none."""
+        return []
