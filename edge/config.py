@@ -125,7 +125,10 @@ class GnssConfig(Section, frozen=True, kw_only=True):
 class ClockConfig(Section, frozen=True, kw_only=True):
     """How the box knows UTC."""
 
-    source: Annotated[Literal["auto", "assumed"], Meta(description="auto: ask the time daemon")] = "auto"
+    source: Annotated[
+        Literal["auto", "ptp", "assumed"], Meta(description="auto: chrony, else the kernel; ptp: ptp4l")
+    ] = "auto"
+    limit_s: Annotated[Positive, Meta(description="check fails where UTC may be further off")] = 0.01
     assumed_bound_s: Annotated[NotNegative, Meta(description="assumed: how far this box's UTC may be off")] = 0.01
 
 

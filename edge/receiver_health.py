@@ -1,4 +1,4 @@
-"""What is wrong with the receiver and what to do: every cause of "no position" told apart. Pure: it is handed the time."""
+"""What is wrong with the receiver and what to do: every cause of "no position" told apart. Pure: time is handed in."""
 
 import math
 from dataclasses import dataclass, field
