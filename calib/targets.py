@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.association import GATE, assign
+from calib.belief import Beliefs, Evidence
 from calib.birth import WINDOW_S, births
 from calib.filterbank import Expected, FilterBank, Rays
-from calib.ledger import Evidence, Ledger
 from calib.motion import Singer
 from calib.network import Network
 from calib.sighting import View
@@ -89,7 +89,7 @@ class Tracker:
     def __init__(self, network: Network, options: TrackerOptions | None = None, first_track: int = 1) -> None:
         self._options = options or TrackerOptions()
         self._bank = FilterBank(network, self._options.motion)
-        self._ledger = Ledger(len(network.cameras))
+        self._beliefs = Beliefs(len(network.cameras))
         self._loose: deque[LooseRay] = deque(maxlen=LOOSE_RAYS)
         self._next_track = first_track
         self._newest_s = -np.inf
@@ -120,7 +120,7 @@ class Tracker:
         shift_s = (self.network.t_mid_unix_ns - network.t_mid_unix_ns) * 1e-9
         kept = [self._number.get(camera.id, -1) for camera in network.cameras]
         self._bank.exchange(network)
-        self._ledger.exchange(kept, shift_s)
+        self._beliefs.exchange(kept, shift_s)
         self._newest_s += shift_s
         self._scanned_s += shift_s
         self._loose.clear()
@@ -170,11 +170,11 @@ class Tracker:
             distance2 = self._bank.update(prediction, sighting, number, which, chosen)
             spread = np.linalg.det(expected.covariance[which] + np.eye(2) * (chosen.sigma_px**2)[:, None, None])
             gain = self._odds(number, spread) - distance2 / 2
-            self._ledger.hit(number, which, t_s, Evidence(label[detection], gain, distance2))
+            self._beliefs.hit(number, which, t_s, Evidence(label[detection], gain, distance2))
             taken[detection] = True
             due[which] = False
-        self._ledger.miss(number, np.nonzero(due)[0], float(np.log(1 - DETECTED)))
-        return taken, [self._ledger.track[k] for k in which]
+        self._beliefs.miss(number, np.nonzero(due)[0], float(np.log(1 - DETECTED)))
+        return taken, [self._beliefs.track[k] for k in which]
 
     def _odds(self, number: int, determinant: Array) -> Array:
         """Log-likelihood ratio of a detection right where a target is expected, against clutter."""
@@ -194,9 +194,9 @@ class Tracker:
         distance2 = (d * x * x - 2 * b * x * y + a * y * y) / determinant
         worth = 2 * (self._odds(number, determinant) - np.log(1 - DETECTED))
         cost = np.where(valid[:, None] & (distance2 < GATE), distance2 - np.minimum(worth, GATE), 0.0)
-        same = (self._ledger.label[:, number, None] == label[None]) & (label[None] > 0)
+        same = (self._beliefs.label[:, number, None] == label[None]) & (label[None] > 0)
         cost = np.where(same & (cost < 0), cost - SAME_LABEL_BONUS, cost)
-        confirmed = self._ledger.confirmed
+        confirmed = self._beliefs.confirmed
         if confirmed.all() or not confirmed.any():
             return assign(cost, 0.0)
         first = assign(np.where(confirmed[:, None], cost, 0.0), 0.0)
@@ -209,7 +209,7 @@ class Tracker:
             return []
         self._scanned_s = now_s
         self._give_birth(now_s)
-        self._ledger.confirm()
+        self._beliefs.confirm()
         return self._bury(now_s)
 
     def _give_birth(self, now_s: float) -> None:
@@ -227,16 +227,16 @@ class Tracker:
 
     def _add(self, newborn: Newborn) -> None:
         self._bank.add(newborn.state, newborn.covariance, newborn.with_poses, newborn.t_s)
-        self._ledger.add(self._next_track, newborn.t_s, newborn.seen_by)
+        self._beliefs.add(self._next_track, newborn.t_s, newborn.seen_by)
         self._next_track += 1
         self.counters["born"] += 1
 
     def _bury(self, now_s: float) -> list[Estimate]:
-        silent_s = now_s - self._ledger.last_s
+        silent_s = now_s - self._beliefs.last_s
         sigma_m = np.sqrt(np.abs(np.linalg.eigvalsh(self._bank.covariance[:, :3, :3])[:, -1])) if len(self._bank) else 0
-        confirmed = self._ledger.confirmed
+        confirmed = self._beliefs.confirmed
         dead = silent_s > np.where(confirmed, self._options.coast_s, TENTATIVE_S)
-        dead |= (sigma_m > self._options.max_sigma_m) | self._ledger.denied
+        dead |= (sigma_m > self._options.max_sigma_m) | self._beliefs.denied
         dead |= np.linalg.norm(self._bank.state[:, 3:6], axis=1) > 1.5 * self._options.limits.max_speed_m_s
         dead |= self._twins()
         if not dead.any():
@@ -244,7 +244,7 @@ class Tracker:
         lost = [self._estimate(k, now_s, State.LOST) for k in np.nonzero(dead & confirmed)[0].tolist()]
         self.counters["lost"] += len(lost)
         self._bank.keep(~dead)
-        self._ledger.keep(~dead)
+        self._beliefs.keep(~dead)
         return lost
 
     def _twins(self) -> NDArray[np.bool_]:
@@ -257,25 +257,25 @@ class Tracker:
             for j in np.nonzero(near & ~twin[:k])[0]:
                 P = self._bank.covariance[j, :6, :6] + self._bank.covariance[k, :6, :6]
                 both = np.concatenate([apart[j], self._bank.state[j, 3:6] - self._bank.state[k, 3:6]])
-                twin[k] |= bool(both @ np.linalg.solve(P, both) < TWIN_SIGMA2 and self._ledger.rivals(int(j), k))
+                twin[k] |= bool(both @ np.linalg.solve(P, both) < TWIN_SIGMA2 and self._beliefs.rivals(int(j), k))
         return twin
 
     def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[Estimate]:
         """All targets that are confirmed (or those of `tracks`), each at the time of its last measurement."""
         chosen = [
             k
-            for k in np.nonzero(self._ledger.confirmed)[0].tolist()
-            if tracks is None or self._ledger.track[k] in tracks
+            for k in np.nonzero(self._beliefs.confirmed)[0].tolist()
+            if tracks is None or self._beliefs.track[k] in tracks
         ]
         return [self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen]
 
     @property
     def tentative(self) -> int:
         """How many targets are tentative."""
-        return int(np.count_nonzero(~self._ledger.confirmed))
+        return int(np.count_nonzero(~self._beliefs.confirmed))
 
     def _state_of(self, k: int, now_s: float) -> State:
-        return State.COASTING if now_s - self._ledger.last_s[k] > COASTS_AFTER_S else State.CONFIRMED
+        return State.COASTING if now_s - self._beliefs.last_s[k] > COASTS_AFTER_S else State.CONFIRMED
 
     def _estimate(self, k: int, now_s: float, state: State) -> Estimate:
         dt_s = 0.0 if state is State.CONFIRMED else max(now_s - float(self._bank.t_s[k]), 0.0)
@@ -284,15 +284,15 @@ class Tracker:
             motion = self._options.motion
             F = motion.transition(np.array([dt_s]))[0]
             x, P, t_s = F @ x, F @ P @ F.T + motion.noise(np.array([dt_s]))[0], t_s + dt_s
-        seen = self._ledger.seen_by(k)
+        seen = self._beliefs.seen_by(k)
         return Estimate(
-            track=self._ledger.track[k],
+            track=self._beliefs.track[k],
             state=state,
             t_unix_ns=self.network.t_mid_unix_ns + round(t_s * 1e9),
             position_enu=x[:3].copy(),
             velocity_enu=x[3:6].copy(),
             covariance=P[:6, :6].copy(),
             cameras=tuple(self.network.cameras[c].id for c in seen),
-            age_s=max(0.0, t_s - float(self._ledger.last_s[k])),
-            quality=self._ledger.quality(k),
+            age_s=max(0.0, t_s - float(self._beliefs.last_s[k])),
+            quality=self._beliefs.quality(k),
         )

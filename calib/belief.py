@@ -36,7 +36,7 @@ class Evidence:
     distance2: Array
 
 
-class Ledger:
+class Beliefs:
     """Arrays over targets (N,) and cameras (C,): hits, misses, last sightings, scores."""
 
     def __init__(self, cameras: int) -> None:
