@@ -1,0 +1,115 @@
+"""Train a detector for edge-node from labelled clips, a user's own YOLO folder, or both.
+
+    python -m tools.train --clips ../shared/data/ddt --out edge/models/skyfix
+    python -m tools.train --yolo my-images --out my-model
+
+Needs the `train` extra (torch, onnx). Writes OUT-fp32.onnx, OUT.onnx (the same with an int8 body) and OUT.pt, the
+weights to go on from with `--begin`. About 55 minutes on two CPU cores; minutes with a GPU.
+"""
+
+import argparse
+import fnmatch
+import logging
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from edge.errors import SkyfixError
+from tools.train.compose import Composer
+from tools.train.export import export
+from tools.train.footage import Material, read_clip, read_split
+from tools.train.loop import Schedule, train
+from tools.train.mine import background_weights, normalised_errors
+from tools.train.net import SkyNet
+from tools.train.patches import CLASSES
+from tools.train.quantise import quantise
+from tools.train.yolo import all_classes, read_folder, read_names
+
+STEPS = 16000  # of 64 samples: about 45 CPU minutes; the losses still fall, but slowly
+FIRST_SHARE = 0.35  # of the steps before backgrounds are weighed by how they fool the net
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser("tools.train", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--clips", type=Path, metavar="FOLDER", help="labelled clips: videos/, labels/, split.json")
+    parser.add_argument("--hold-out", action="append", default=[], metavar="GLOB", help="training clips to leave out")
+    parser.add_argument("--yolo", type=Path, metavar="FOLDER", help="images/, labels/ and classes.txt or data.yaml")
+    parser.add_argument("--step", type=int, default=0, help="images between a stack's frames in --yolo; 0: stills")
+    parser.add_argument("--out", type=Path, required=True, metavar="NAME", help="what the files are called")
+    parser.add_argument("--begin", type=Path, metavar="WEIGHTS.pt", help="go on from these weights")
+    parser.add_argument("--steps", type=int, default=STEPS, help=f"of 64 samples (default {STEPS})")
+    parser.add_argument("--threads", type=int, default=1, help="of torch on a CPU (default 1; more is often slower)")
+    parser.add_argument("--seed", type=int, default=20260611)
+    parser.add_argument("--origin", default="", help="one sentence for the model's metadata: what it was trained on")
+    options = parser.parse_args(arguments)
+    if not options.clips and not options.yolo:
+        parser.error("nothing to train on: give --clips or --yolo")
+    return options
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Read, train, calibrate, export. 0 done, 1 it could not be done, 2 wrong usage."""
+    options = parse(arguments)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
+    cv2.setNumThreads(1)
+    torch.set_num_threads(options.threads)
+    torch.manual_seed(options.seed)
+    print(f"seed {options.seed}")
+    begun = time.monotonic()
+    try:
+        run(options)
+    except SkyfixError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"done in {(time.monotonic() - begun) / 60:.1f} minutes")
+    return 0
+
+
+def run(options: argparse.Namespace) -> None:
+    """The whole of a training, in order."""
+    log = logging.getLogger("train").info
+    classes = all_classes(read_names(options.yolo)) if options.yolo else CLASSES
+    material = gather(options)
+    log(
+        "%d patches, %d backgrounds, %d cut-outs", *map(len, (material.patches, material.backgrounds, material.cutouts))
+    )
+    net = SkyNet(len(classes))
+    if options.begin:
+        net.load_state_dict(torch.load(options.begin, weights_only=True))
+    composer = Composer(material, options.seed)
+    first = int(options.steps * FIRST_SHARE)
+    if material.backgrounds and first:
+        scout = train(SkyNet(len(classes)), composer, Schedule(first), log)
+        composer.prefer_backgrounds(background_weights(scout, material.backgrounds))
+        net.load_state_dict(scout.state_dict())
+    net = train(net, composer, Schedule(options.steps - first), log)
+    errors = normalised_errors(net, Composer(material, options.seed + 1))
+    scale = float(np.sqrt(np.mean(np.clip(errors, -5, 5) ** 2)))
+    log("sigma: normalised error %.3f over %d objects, scaled by that", scale, len(errors))
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    torch.save(net.state_dict(), options.out.with_suffix(".pt"))
+    exact = options.out.with_name(options.out.name + "-fp32.onnx")
+    export(net, exact, sigma_scale=scale, seed=options.seed, origin=options.origin, classes=classes)
+    quantise(exact, options.out.with_suffix(".onnx"), Composer(material, options.seed + 2))
+
+
+def gather(options: argparse.Namespace) -> Material:
+    """Training material of the folders given. Test clips are not opened."""
+    random = np.random.default_rng(options.seed)
+    material = Material()
+    if options.clips:
+        for clip in read_split(options.clips, "train"):
+            if not any(fnmatch.fnmatch(clip, pattern) for pattern in options.hold_out):
+                material.add(read_clip(options.clips, clip, random))
+    if options.yolo:
+        material.add(read_folder(options.yolo, options.step, random))
+    return material
+
+
+if __name__ == "__main__":
+    sys.exit(main())

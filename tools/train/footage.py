@@ -1,0 +1,198 @@
+"""Labelled clips (video + CSV of boxes) into patches, plain backgrounds and cut-outs, decoded once.
+
+Decoding is what costs, so a clip is read once and everything is taken from it in passing. Each positive patch is
+kept at a scale of its own: area-averaging a 200 px object to 8 px in the inner loop would be dearer than the net.
+"""
+
+import csv
+import json
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+
+from edge.errors import SourceError
+from tools.train.patches import STACK_OFFSETS_S, Box, Cutout, Grey, Patch, lift
+
+PATCH_PX: Final = 160  # a 96 px crop and room to shift and zoom it
+EVERY: Final = 6  # frames between two samples of a clip: 0.2 s, after which an object has moved on
+LARGEST_PX: Final = 56  # loose width; larger objects are scaled down to this at the least
+SMALLEST_PX: Final = 6  # loose width; below it nothing of the object is left
+BACKGROUNDS: Final = (1, 3)  # taken a frame: one anywhere, one the lowest of three places, where the trees are
+CLIP_CLASSES: Final = {"DRONE": 0, "BIRD": 1, "AIRPLANE": 2, "HELICOPTER": 3}
+
+
+@dataclass(frozen=True)
+class Loose:
+    """A labelled object: its (left, top, width, height) px in each frame of a stack, newest first, and its class."""
+
+    boxes: tuple[tuple[float, float, float, float] | None, ...]
+    label: int
+
+
+@dataclass
+class Material:
+    """What a training set is made of. A cut-out is three of one object, newest first, with its class."""
+
+    patches: list[Patch] = field(default_factory=list)
+    backgrounds: list[Grey] = field(default_factory=list)
+    cutouts: list[tuple[tuple[Cutout, ...], int]] = field(default_factory=list)
+
+    def add(self, other: "Material") -> None:
+        """Take in what another has."""
+        self.patches += other.patches
+        self.backgrounds += other.backgrounds
+        self.cutouts += other.cutouts
+
+
+def read_split(folder: Path, part: str) -> list[str]:
+    """Names of the clips of `part` ("train" or "test") of a data set with a `split.json`."""
+    try:
+        names = json.loads((folder / "split.json").read_text())[part]
+    except (OSError, KeyError, ValueError) as error:
+        raise SourceError(
+            f"no usable split ({error})", where=str(folder), action="give the folder that holds split.json and videos/"
+        ) from error
+    return [str(name) for name in names]
+
+
+def clip_class(clip: str) -> int:
+    """The class of a clip, from its name."""
+    return CLIP_CLASSES[clip.split("_")[1]]
+
+
+def read_labels(path: Path) -> dict[int, tuple[float, float, float, float]]:
+    """Frame number to (left, top, width, height) px."""
+    with path.open(newline="") as file:
+        return {
+            int(row["frame"]): (
+                float(row["x_px"]),
+                float(row["y_px"]),
+                float(row["width_px"]),
+                float(row["height_px"]),
+            )
+            for row in csv.DictReader(file)
+        }
+
+
+def stacks(video: Path) -> Iterator[tuple[int, list[Grey], list[int]]]:
+    """Every frame of a video with the older ones of its stack: (number, [grey, ...] newest first, lags in frames)."""
+    capture = cv2.VideoCapture(str(video))
+    if not capture.isOpened():
+        raise SourceError("the video does not open", where=str(video), action="check the file and its codec")
+    fps = capture.get(cv2.CAP_PROP_FPS) or 30.0
+    lags = [round(-offset * fps) for offset in STACK_OFFSETS_S]
+    recent: deque[Grey] = deque(maxlen=max(lags) + 1)
+    number = 0
+    while True:
+        ok, frame = capture.read()
+        if not ok:
+            break
+        recent.append(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
+        yield number, [recent[max(len(recent) - 1 - lag, 0)] for lag in lags], lags
+        number += 1
+    capture.release()
+
+
+def read_clip(folder: Path, clip: str, random: np.random.Generator) -> Material:
+    """Everything training takes from one clip."""
+    labels = read_labels(folder / "labels" / f"{clip}.csv")
+    material = Material()
+    phase = int(random.integers(EVERY))
+    for number, stack, lags in stacks(folder / "videos" / f"{clip}.mp4"):
+        if number % EVERY == phase and number in labels:
+            boxes = tuple(labels.get(number - lag) for lag in lags)
+            take(material, stack, [Loose(boxes, clip_class(clip))], random)
+    return material
+
+
+def take(material: Material, stack: list[Grey], objects: list[Loose], random: np.random.Generator) -> None:
+    """Add to `material` what one labelled stack holds: a patch and a cut-out per object, and some background."""
+    tight = []
+    for thing in objects:
+        cutouts = tuple(lift(grey, box) if box else None for grey, box in zip(stack, thing.boxes, strict=True))
+        found = tuple(cutout for cutout in cutouts if cutout is not None)
+        if len(found) == len(cutouts):
+            material.cutouts.append((found, thing.label))
+        if thing.boxes[0] is not None:
+            tight.append((thing, _tight(thing.boxes[0], cutouts[0], stack[0], thing.label)))
+    boxes = [box for _, box in tight if box is not None]
+    for thing, box in tight:
+        if box is not None and thing.boxes[0] is not None:
+            others = [other for other in boxes if other is not box]
+            material.patches.append(_patch(stack, box, others, thing.boxes[0][2], random))
+    for lowest_of in BACKGROUNDS:
+        loose = [thing.boxes[0] for thing in objects if thing.boxes[0] is not None]
+        background = _background(stack, loose, lowest_of, random)
+        if background is not None:
+            material.backgrounds.append(background)
+
+
+def _tight(loose: tuple[float, float, float, float], cutout: Cutout | None, frame: Grey, label: int) -> Box | None:
+    """The measured box if there is one; the loose one before a busy background; None where the label shows nothing."""
+    left, top, width, height = loose
+    x, y = left + width / 2, top + height / 2
+    if cutout is None:
+        x0, y0 = int(max(left, 0)), int(max(top, 0))
+        window = frame[y0 : y0 + int(height) + 1, x0 : x0 + int(width) + 1]
+        if window.size == 0 or np.ptp(cv2.GaussianBlur(window, (3, 3), 0)) < 12:
+            return None  # nothing to be seen there: a label that jumped
+        return Box(x - 0.5, y - 0.5, width / 2, height / 2, label, exact=False)
+    return Box(*cutout.frame_px, *cutout.size_px, label, exact=True)
+
+
+def _patch(stack: list[Grey], box: Box, others: list[Box], loose_width_px: float, random: np.random.Generator) -> Patch:
+    """A PATCH_PX patch round a box, at a random scale that leaves the object between SMALLEST and LARGEST."""
+    smallest, largest = min(SMALLEST_PX / loose_width_px, 1.0), min(LARGEST_PX / loose_width_px, 1.0)
+    scale = float(np.exp(random.uniform(np.log(smallest), np.log(largest)))) if random.random() < 0.75 else largest
+    span = min(round(PATCH_PX / scale), stack[0].shape[0])
+    offset = random.uniform(-0.2, 0.2, 2) * span
+    corner = [
+        int(np.clip(c + o - span / 2, 0, n - span))
+        for c, o, n in zip((box.x_px, box.y_px), offset, stack[0].shape[::-1], strict=True)
+    ]
+    windows = [grey[corner[1] : corner[1] + span, corner[0] : corner[0] + span] for grey in stack]
+    size = min(round(span * scale), PATCH_PX)
+    small = [cv2.resize(window, (size, size), interpolation=cv2.INTER_AREA) for window in windows]
+    placed = tuple(_moved(each, corner, size / span) for each in [box, *others])
+    inside = tuple(each for each in placed if 0 <= each.x_px < size and 0 <= each.y_px < size)
+    return Patch(np.stack(small, axis=2), inside)
+
+
+def _moved(box: Box, corner: list[int], scale: float) -> Box:
+    """A box in a window that begins at `corner` and is scaled about its corner, not its first pixel's centre."""
+    return Box(
+        (box.x_px - corner[0] + 0.5) * scale - 0.5,
+        (box.y_px - corner[1] + 0.5) * scale - 0.5,
+        max(box.width_px * scale, 1.0),
+        max(box.height_px * scale, 1.0),
+        box.label,
+        box.exact,
+    )
+
+
+def _background(
+    stack: list[Grey], loose: list[tuple[float, float, float, float]], lowest_of: int, random: np.random.Generator
+) -> Grey | None:
+    """A patch without a labelled object, at half or full scale; the lowest of so many places."""
+    height, width = stack[0].shape
+    span = min(int(random.choice([PATCH_PX, 2 * PATCH_PX])), height - 1, width - 1)
+    for _ in range(5):
+        x = int(random.integers(0, width - span))
+        y = int(max(random.integers(0, height - span, lowest_of)))
+        if all(_apart(x, y, span, box) for box in loose):
+            part = np.s_[y : y + span, x : x + span]
+            area = cv2.INTER_AREA
+            return np.stack([cv2.resize(g[part], (PATCH_PX, PATCH_PX), interpolation=area) for g in stack], axis=2)
+    return None
+
+
+def _apart(x: int, y: int, span: int, box: tuple[float, float, float, float]) -> bool:
+    """Whether a square window keeps half a box's size away from the box."""
+    left, top, width, height = box
+    apart_x = x > left + 1.5 * width or x + span < left - 0.5 * width
+    return apart_x or y > top + 1.5 * height or y + span < top - 0.5 * height

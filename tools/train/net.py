@@ -1,0 +1,59 @@
+"""The net: 3 grey frames in, one peak map at stride 4 out, with a box, a sigma and class scores at every cell.
+
+A flying object is often 4 px wide, so nothing coarser than stride 4 may decide where it is; what is around it (sky,
+trees, a neighbouring bird) is cheap to see at stride 8 and 16. Batch norms are folded on export.
+"""
+
+from typing import Final
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+STRIDE: Final = 4
+OUTPUTS_BEFORE_CLASSES: Final = 6  # heat, x, y, log width, log height, log sigma
+HEAT_PRIOR_LOGIT: Final = -4.6  # about 1 % : a fresh net must not drown in false positives
+
+
+def conv(inputs: int, outputs: int, stride: int = 1, size: int = 3) -> nn.Sequential:
+    """Convolution, batch norm, ReLU."""
+    layer = nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False)
+    return nn.Sequential(layer, nn.BatchNorm2d(outputs), nn.ReLU(inplace=True))
+
+
+class Residual(nn.Module):
+    """Two 3x3 convolutions round a shortcut (He et al. 2016)."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = conv(channels, channels)
+        self.second = nn.Sequential(nn.Conv2d(channels, channels, 3, 1, 1, bias=False), nn.BatchNorm2d(channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return functional.relu(x + self.second(self.first(x)))
+
+
+class SkyNet(nn.Module):
+    """`(B, 3, H, W)` in 0..255 to `(B, 6 + classes, H/4, W/4)` raw maps; H and W multiples of 8, better 16."""
+
+    def __init__(self, classes: int) -> None:
+        super().__init__()
+        self.fine = nn.Sequential(conv(3, 16, 2), conv(16, 32, 2), Residual(32))
+        self.middle = nn.Sequential(conv(32, 64, 2), Residual(64))
+        self.coarse = nn.Sequential(conv(64, 96, 2), Residual(96))
+        self.coarse_to_middle = conv(96, 64, size=1)
+        self.middle_to_fine = conv(64, 32, size=1)
+        self.neck = conv(32, 48)
+        self.head = nn.Conv2d(48, OUTPUTS_BEFORE_CLASSES + classes, 1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)
+        with torch.no_grad():
+            self.head.bias[0] = HEAT_PRIOR_LOGIT
+
+    def forward(self, x: Tensor) -> Tensor:
+        fine = self.fine((x - 128.0) / 64.0)
+        middle = self.middle(fine)
+        coarse = self.coarse_to_middle(self.coarse(middle))
+        middle = middle + functional.interpolate(coarse, size=middle.shape[2:], mode="nearest")
+        fine = fine + functional.interpolate(self.middle_to_fine(middle), size=fine.shape[2:], mode="nearest")
+        return self.head(self.neck(fine))  # type: ignore[no-any-return]
