@@ -67,14 +67,16 @@ SERVICES: Final = {
 class StaticMean:
     """The mean of a session, or why there is none.
 
-    mean_m, sigma_m: (3,) east, north, up. scatter_m: the part of sigma that a longer session makes smaller. fault: why
-    the session must not be used, empty if it may; young if more time is all it needs. warnings: what to tell the
-    operator.
+    mean_m, sigma_m: (3,) east, north, up. Of sigma, scatter_m is what a longer session makes smaller, floor_m what only
+    another occupation later does, fixed_m (pole, baseline, resolution) what nothing does. fault: why the session must
+    not be used, empty if it may; young if more time is all it needs. warnings: what to tell the operator.
     """
 
     mean_m: Array
     sigma_m: Array
     scatter_m: Array
+    floor_m: Array
+    fixed_m: Array
     samples: int
     clipped: int
     duration_s: float
@@ -112,8 +114,9 @@ def average(
     duration_s = _duration_s(t_s[keep], segment[keep])
     scatter = _scatter(enu_m[keep], duration_s, service)
     resolution = np.array([step_m[0], step_m[0], step_m[1]]) / math.sqrt(12)
-    parts = (scatter, np.array(service.floor_m), np.array(POLE_SIGMA_M), resolution, np.full(3, PPM * baseline_m))
-    sigma = np.maximum(np.sqrt(sum(part**2 for part in parts)), LEAST_SIGMA_M)
+    floor = np.array(service.floor_m)
+    fixed = np.sqrt(np.array(POLE_SIGMA_M) ** 2 + resolution**2 + (PPM * baseline_m) ** 2)
+    sigma = np.maximum(np.sqrt(scatter**2 + floor**2 + fixed**2), LEAST_SIGMA_M)
     fault = fault or _drift(t_s[agreeing], enu_m[agreeing], service)
     young = not fault and (keep.sum() < MIN_SAMPLES or duration_s < MIN_DURATION_S)
     if young:
@@ -122,6 +125,8 @@ def average(
         mean_m=mean,
         sigma_m=sigma,
         scatter_m=scatter,
+        floor_m=floor,
+        fixed_m=fixed,
         samples=int(keep.sum()),
         clipped=int((~keep).sum()),
         duration_s=duration_s,
