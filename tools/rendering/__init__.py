@@ -1,0 +1,1 @@
+"""Made-up footage of made-up flights, with the truth of every frame."""
