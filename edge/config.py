@@ -85,6 +85,7 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
     max_detections: Annotated[int, Meta(ge=1, le=1000)] = 100
     tiles: Annotated[bool, Meta(description="full_frame: cut into overlapping tiles of the model's size")] = False
     threads: Annotated[int, Meta(ge=1, le=64, description="per ONNX session")] = 1
+    workers: Annotated[int, Meta(ge=1, le=16, description="full_frame: frames worked on side by side")] = 2
     max_crops: Annotated[int, Meta(ge=1, le=64, description="two_stage: crops a frame")] = 12
     scan_period_s: Annotated[NotNegative, Meta(description="two_stage: between full scans; 0 for none")] = 1.0
 
@@ -132,6 +133,13 @@ class ClockConfig(Section, frozen=True, kw_only=True):
     assumed_bound_s: Annotated[NotNegative, Meta(description="assumed: how far this box's UTC may be off")] = 0.01
 
 
+class SpoolConfig(Section, frozen=True, kw_only=True):
+    """Where observations wait for a base that is out of reach: a file for each camera."""
+
+    folder: Annotated[str, Meta(min_length=1)] = "/var/lib/skyfix"
+    max_mb: Annotated[int, Meta(ge=1, le=1_000_000, description="a camera; 500 MB is about nine hours at 30 Hz")] = 500
+
+
 class CameraConfig(Section, frozen=True, kw_only=True):
     """One camera of the box."""
 
@@ -155,7 +163,9 @@ class BoxConfig(Section, frozen=True, kw_only=True):
     clock: ClockConfig = ClockConfig()
     detector: DetectorConfig = DetectorConfig()
     gate: GateConfig = GateConfig()
-    state_folder: Annotated[str, Meta(description="what must outlive a power cut; empty for nothing")] = ""
+    spool: (
+        Annotated[SpoolConfig, Meta(description="observations kept on disk for a base that was out of reach")] | None
+    ) = None
     log_level: Literal["debug", "info", "warning", "error"] = "info"
 
     def __post_init__(self) -> None:

@@ -2,6 +2,7 @@
 
 import re
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Literal
 
@@ -14,7 +15,7 @@ from edge.capture.pacing import Realtime
 from edge.config import CameraConfig
 from edge.errors import ConfigError
 
-__all__ = ["Frame", "Image", "Source", "TimeSource", "kind_of", "open_source"]
+__all__ = ["Frame", "Image", "Source", "TimeSource", "is_live", "is_lossless", "kind_of", "open_source"]
 
 # A recording that nobody dated is dated to this instant, so that it can be looked at, with a bound that says so.
 UNDATED_T_UNIX_NS: Final = 1_500_000_000 * 10**9
@@ -45,9 +46,22 @@ def kind_of(camera: CameraConfig) -> Kind:
     return "folder" if Path(source.path).is_dir() else "file"
 
 
-def open_source(camera: CameraConfig, *, colour: bool, stop: threading.Event) -> Source:
-    """The camera's source, opened. colour: whether BGR is needed. stop: set to end every wait within it.
-    Raises SourceError, ConfigError."""
+def is_live(camera: CameraConfig) -> bool:
+    """Whether the source is a camera, to be opened again when it dies."""
+    return kind_of(camera) in ("v4l2", "rtsp")
+
+
+def is_lossless(camera: CameraConfig) -> bool:
+    """Whether every frame counts and none is in a hurry: a recording that is not played in real time."""
+    return not is_live(camera) and not camera.source.realtime
+
+
+def open_source(camera: CameraConfig, *, colour: bool, stop: threading.Event, unix_ns: Callable[[int], int]) -> Source:
+    """The camera's source, opened.
+
+    colour: whether BGR is needed. stop: set to end every wait within it. unix_ns: UTC of a monotonic stamp.
+    Raises SourceError, ConfigError.
+    """
     kind = kind_of(camera)
     source = camera.source
     if kind == "v4l2":
@@ -59,6 +73,7 @@ def open_source(camera: CameraConfig, *, colour: bool, stop: threading.Event) ->
             exposure_s=camera.exposure_s,
             readout_s=camera.readout_s,
             delay_s=source.delay_s,
+            unix_ns=unix_ns,
         )
     if kind == "rtsp":
         return RtspStream(open_rtsp(source.path, source.timeout_s), source.path, colour=colour, delay_s=source.delay_s)

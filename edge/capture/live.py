@@ -48,18 +48,11 @@ class Grabber(Protocol):
         """Close it."""
 
 
-def utc_minus_monotonic_ns() -> int:
-    """UTC minus the monotonic clock, from the closest of three readings."""
-    best, offset = 1 << 62, 0
-    for _ in range(3):
-        before, utc, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-        if after - before < best:
-            best, offset = after - before, utc - (before + after) // 2
-    return offset
-
-
 class V4l2Camera:
-    """A camera of this box. Driver stamps are CLOCK_MONOTONIC at the instant `stamp_of`; else arrival counts."""
+    """A camera of this box. Driver stamps are CLOCK_MONOTONIC at the instant `stamp_of`; else arrival counts.
+
+    unix_ns: UTC of a monotonic stamp.
+    """
 
     live = True
     skipped = 0
@@ -74,7 +67,7 @@ class V4l2Camera:
         exposure_s: float = 0.0,
         readout_s: float = 0.0,
         delay_s: float = 0.0,
-        offset_ns: Callable[[], int] = utc_minus_monotonic_ns,
+        unix_ns: Callable[[int], int],
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._capture = capture
@@ -82,7 +75,7 @@ class V4l2Camera:
         self._colour = colour
         self._stamp_of: StampOf = stamp_of
         self._exposure_s, self._readout_s, self._delay_ns = exposure_s, readout_s, round(delay_s * 1e9)
-        self._offset_ns = offset_ns
+        self._unix_ns = unix_ns
         self._monotonic_ns = monotonic_ns
 
     def read(self) -> Frame | None:
@@ -96,7 +89,7 @@ class V4l2Camera:
             raise _dead(self._path)
         stamped = 0 <= arrival_ns - stamp_ns < MONOTONIC_PLAUSIBLE_S * 1e9
         monotonic_ns = stamp_ns if stamped else arrival_ns
-        utc_ns = monotonic_ns + self._offset_ns() - self._delay_ns
+        utc_ns = self._unix_ns(monotonic_ns) - self._delay_ns
         return Frame(
             middle_of_exposure(utc_ns, self._stamp_of, self._exposure_s, self._readout_s),
             image if self._colour else grey(image),

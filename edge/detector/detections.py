@@ -61,6 +61,8 @@ class Detector(Protocol):
     class_names: tuple[str, ...]
     colour: bool
     """Whether it wants BGR frames rather than grey ones."""
+    remembers: bool
+    """Whether a frame's result depends on the frames before it, so that frames must be given one by one."""
 
     def detect(self, frame: Frame, expected_px: Array) -> Detections:
         """The objects in a frame. expected_px: `(M, 2)` where tracks are expected; a detector may look there first."""

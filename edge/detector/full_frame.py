@@ -83,6 +83,7 @@ class FullFrame:
         self._format: Format = recognise(model, self._input.size_px) if config.format == "auto" else config.format
         self._targets_input = next((port.name for port in model.inputs[1:]), None)
         self.colour = self._input.channels == 3
+        self.remembers = False
         self.class_names = config.class_names or read_class_names(model)
         self._frames = 0
         self._check_by_running()

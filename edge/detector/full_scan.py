@@ -14,6 +14,7 @@ class FullScan:
     """A skyfix model over each whole frame, at native resolution."""
 
     colour = False
+    remembers = True
 
     def __init__(self, net: StackNet, config: DetectorConfig) -> None:
         self._net = net
@@ -26,7 +27,8 @@ class FullScan:
         """The objects in a frame; `expected_px` is not needed here."""
         self._frames += 1
         self._history.push(frame)
-        found = self._net.run(padded_stack([frame.image, *self._history.past()]), self._config.score_min)[0]
+        stack = padded_stack([frame.image, *self._history.past()], self._net.multiple_px)
+        found = self._net.run(stack, self._config.score_min)[0]
         return found.where(np.argsort(-found.score, kind="stable")[: self._config.max_detections])
 
     def counters(self) -> dict[str, float]:

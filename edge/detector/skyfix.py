@@ -14,7 +14,7 @@ from edge.detector.session import Model
 from edge.errors import ModelError
 
 OUTPUTS: Final = ("boxes", "scores", "classes", "sigma")
-MULTIPLE_PX: Final = 8  # the network's input sides
+MULTIPLE_PX: Final = 16  # sides of the network's input, where its note does not say
 DEFAULT_OFFSETS_S: Final = (0.0, 0.1, 0.2)
 
 
@@ -35,6 +35,7 @@ class StackNet:
         self._order = [names.index(name) for name in OUTPUTS]
         self.class_names: tuple[str, ...] = tuple(note.get("class_names") or note.get("classes") or ())
         offsets = tuple(float(offset) for offset in note.get("stack_offsets_s", DEFAULT_OFFSETS_S))
+        self.multiple_px = int(note.get("size_multiple", MULTIPLE_PX))
         self.past_s = tuple(abs(offset) for offset in offsets[1:])
         if len(self.past_s) != 2:
             raise ModelError(f"stacks {len(offsets)} frames, not 3", where=model.path, action="give a stack of three")

@@ -26,6 +26,7 @@ class TwoStage:
     """The detector for static cameras. background: run full scans beside the frames, not within them."""
 
     colour = False
+    remembers = True
 
     def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool) -> None:
         self._net = net

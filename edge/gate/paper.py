@@ -1,11 +1,12 @@
 """The published gating rules, exactly, frame by frame (profile `paper`).
 
-Rule 1: detections of frames i and j, i < j <= i + 3, less than 10 (j - i) pixels apart confirm each other. Rule 2: between
-two confirmed detections up to 180 frames apart, both inside the middle 98 % of the image (or up to 60 frames apart
-anywhere), and less than j - i times 2.5 times the largest non-outlier speed apart, the frames between are interpolated.
+Rule 1: detections of frames i and j, i < j <= i + 3, less than 10 (j - i) pixels apart confirm each other. Rule 2:
+between two confirmed detections up to 180 frames apart, both inside the middle 98 % of the image (or up to 60 frames
+apart anywhere), and less than j - i times 2.5 times the largest non-outlier speed apart, the frames between are
+interpolated.
 
-So a detection may wait three frames for its confirmation, and what rule 2 adds comes late, marked as never measured. The
-rules count frames and not seconds, and static clutter passes them; both are why they are not the default.
+So a detection may wait three frames for its confirmation, and what rule 2 adds comes late, marked as never measured.
+The rules count frames and not seconds, and static clutter passes them; both are why they are not the default.
 """
 
 from collections import deque
@@ -46,7 +47,7 @@ class PaperGate:
         self._recent: deque[list[_Seen]] = deque(maxlen=CONFIRM_FRAMES)  # frames a new detection may still confirm
         self._tails: dict[int, _Seen] = {}  # the last confirmed detection of each track
         self._speeds: deque[float] = deque(maxlen=SPEEDS_KEPT)  # pixels per frame
-        self._next_track = 1
+        self.next_track = 1
 
     def step(self, t_unix_ns: int, found: Detections) -> list[Row]:
         """Rows decided by one more frame."""
@@ -124,17 +125,13 @@ class PaperGate:
         return interpolate(tail.row, later.row, list(self._times)[max(0, first + 1) : last])
 
     def _new_track(self) -> int:
-        self._next_track += 1
-        return self._next_track - 1
+        self.next_track += 1
+        return self.next_track - 1
 
     def expected(self, t_unix_ns: int) -> Array:
         """Where each track of the last few frames was seen last."""
         recent = [tail.row for tail in self._tails.values() if self._index - tail.index <= CONFIRM_FRAMES]
         return np.array([(row.u_px, row.v_px, max(row.width_px, row.height_px)) for row in recent]).reshape(-1, 3)
-
-    def flush(self) -> list[Row]:
-        """Nothing: what has no partner by now is not confirmed."""
-        return []
 
 
 def largest_non_outlier(speeds: Array) -> float:

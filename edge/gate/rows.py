@@ -27,14 +27,14 @@ class Row:
 class Gate(Protocol):
     """Decides which detections are objects and which objects are the same. Has no clock: times are handed in."""
 
+    next_track: int
+    """The number the next track will get."""
+
     def step(self, t_unix_ns: int, found: Detections) -> list[Row]:
         """Rows that one more frame decided, of this frame or earlier ones. Frames come in order of time."""
 
     def expected(self, t_unix_ns: int) -> Array:
         """Where to look for what is known: `(M, 3)` of u, v, extent, the most important first."""
-
-    def flush(self) -> list[Row]:
-        """Rows that only the end of the recording decides."""
 
 
 def interpolate(before: Row, after: Row, times_unix_ns: list[int]) -> list[Row]:

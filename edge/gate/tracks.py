@@ -6,6 +6,7 @@ Every limit is in seconds and pixels per second, so that a camera of another fra
 gated the same way. When a track is believed, what it was seen as before is given too: those were measurements as well.
 """
 
+import itertools
 from collections import deque
 from dataclasses import replace
 from typing import Final
@@ -38,7 +39,7 @@ class TrackGate:
         self._clutter = ClutterMap(size_px)
         self._tracks: list[Track] = []
         self._times: deque[int] = deque()
-        self._next_number = 1
+        self.next_track = 1
 
     def step(self, t_unix_ns: int, found: Detections) -> list[Row]:
         """Rows decided by one more frame."""
@@ -87,9 +88,9 @@ class TrackGate:
 
     def _begin(self, row: Row) -> None:
         level = self._clutter.level(row.u_px, row.v_px)
-        track = Track(self._next_number, row, self._config.speed_max_px_s / 3, clutter=level)
+        track = Track(self.next_track, row, self._config.speed_max_px_s / 3, clutter=level)
         track.waiting.append(replace(row, track=track.number))
-        self._next_number += 1
+        self.next_track += 1
         self._tracks.append(track)
 
     def _continue(self, track: Track, measured: Row) -> list[Row]:
@@ -105,7 +106,7 @@ class TrackGate:
             return []
         track.confirmed = True
         rows, track.waiting = track.waiting, []
-        bridged = [new for a, b in zip(rows, rows[1:], strict=False) for new in self._bridge(a, b)]
+        bridged = [new for a, b in itertools.pairwise(rows) for new in self._bridge(a, b)]
         return sorted(rows + bridged, key=lambda kept: kept.t_unix_ns)
 
     def _believable(self, track: Track) -> bool:
@@ -147,7 +148,3 @@ class TrackGate:
             if 0 <= u < self._size_px[0] and 0 <= v < self._size_px[1]:
                 rows.append((u, v, max(track.last.width_px, track.last.height_px)))
         return np.array(rows).reshape(-1, 3)
-
-    def flush(self) -> list[Row]:
-        """Nothing: a track that is not believed by now is none."""
-        return []

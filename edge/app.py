@@ -1,0 +1,131 @@
+"""The camera box's command line: `edge-node [run|check|lens]`.
+
+Exit codes: 0 done, 1 it could not be done (the reason and the next action on stderr), 2 wrong usage or configuration.
+"""
+
+import argparse
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+
+import msgspec
+
+from edge import __version__
+from edge.config import BoxConfig, load_box
+from edge.errors import ConfigError, SkyfixError
+
+DONE, FAILED, MISUSED = 0, 1, 2
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return int(arguments.command(arguments))
+    except ConfigError as error:
+        print(f"edge-node: {error}", file=sys.stderr)
+        return MISUSED
+    except SkyfixError as error:
+        print(f"edge-node: {error}", file=sys.stderr)
+        return FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="edge-node",
+        description="The camera box: what its cameras see becomes timestamped pixel tracks on the network.",
+        epilog="exit codes: 0 done, 1 it could not be done, 2 wrong usage or configuration",
+    )
+    parser.add_argument("--version", action="version", version=f"edge-node {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="run|check|lens")
+    _add_run(commands)
+    _add_check(commands)
+    _add_lens(commands)
+    return parser
+
+
+def _add_run(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    run = commands.add_parser("run", help="watch and publish until told to stop, or until every recording has ended")
+    run.add_argument("--config", required=True, type=Path, metavar="FILE", help="the box's configuration (TOML)")
+    run.add_argument("--camera", metavar="ID", help="only this one of the configuration's cameras")
+    run.set_defaults(command=_run)
+
+
+def _add_check(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    check = commands.add_parser(
+        "check", help="print the resolved configuration and one PASS, WARN or FAIL line per dependency"
+    )
+    check.add_argument("--config", required=True, type=Path, metavar="FILE", help="the box's configuration (TOML)")
+    check.set_defaults(command=_check)
+
+
+def _add_lens(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    lens = commands.add_parser("lens", help="measure a lens from pictures of a chessboard (Zhang's method)")
+    lens.add_argument("images", nargs="+", metavar="IMAGES", help="pictures, folders of pictures, or a video")
+    lens.add_argument("--board", required=True, metavar="COLSxROWS", help="inner corners of the board, such as 9x6")
+    lens.add_argument("--square-mm", type=float, default=1.0, metavar="S", help="side of a square; any value serves")
+    lens.add_argument("--model", choices=("radtan", "fisheye"), default="radtan", help="default: radtan")
+    lens.add_argument("-o", "--output", required=True, type=Path, metavar="LENS.toml", help="where to write the lens")
+    lens.set_defaults(command=_lens)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    # Imported here: `edge-node lens` and `--help` need neither a network nor a model.
+    from edge.node import Node  # noqa: PLC0415
+
+    config = _only(load_box(arguments.config), arguments.camera, arguments.config)
+    logging.basicConfig(
+        level=config.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s", stream=sys.stderr
+    )
+    stop = threading.Event()
+    _stop_on_signals(stop)
+    with Node(config, arguments.config, stop) as node:
+        return DONE if node.run() else FAILED
+
+
+def _only(config: BoxConfig, camera: str | None, file: Path) -> BoxConfig:
+    if camera is None:
+        return config
+    chosen = tuple(one for one in config.camera if one.id == camera)
+    if not chosen:
+        names = ", ".join(one.id for one in config.camera)
+        raise ConfigError(f"has no camera {camera}", where=str(file), action=f"choose one of {names}")
+    return msgspec.structs.replace(config, camera=chosen)
+
+
+def _stop_on_signals(stop: threading.Event) -> None:
+    """The first signal ends in order; a second one ends at once."""
+
+    def handle(number: int, _: FrameType | None) -> None:
+        stop.set()
+        signal.signal(number, signal.SIG_DFL)
+
+    signal.signal(signal.SIGTERM, handle)
+    signal.signal(signal.SIGINT, handle)
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from edge.check import check_box, resolved  # noqa: PLC0415
+
+    config = load_box(arguments.config)
+    print(resolved(config))
+    worst = DONE
+    for check in check_box(config, arguments.config):
+        word = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}[check.level]
+        print(f"{word} {check.name}: {check.reason}" + (f"; {check.action}" if check.action else ""))
+        worst = FAILED if check.level == "fail" else worst
+    return worst
+
+
+def _lens(arguments: argparse.Namespace) -> int:
+    from edge.lens_command import measure  # noqa: PLC0415
+
+    return measure(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,180 @@
+"""One camera at work: its reader, its pipeline, and the thread between them.
+
+A camera that fails must not take its neighbours on the box with it. So each has a thread of its own; what it cannot
+overcome ends that thread, is kept, and is what the operator is told.
+"""
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from edge.capture import Source, is_live, is_lossless, open_source
+from edge.capture.reader import Reader
+from edge.config import BoxConfig, CameraConfig, load_lens
+from edge.detector import open_detector
+from edge.errors import SkyfixError
+from edge.health import Check
+from edge.lens import LensModel
+from edge.messages import Lens, Tracks
+from edge.pipeline import CameraFacts, Pipeline, SideBySide
+
+log = logging.getLogger(__name__)
+
+PATIENCE_S: Final = 0.25  # how long to wait for a frame before looking whether to stop
+DROPS_WARN: Final = 0.02  # share of frames lost to a slow detector that the operator should know of
+STARTING_S: Final = 10.0  # opening a network camera and loading a model may take so long
+
+
+class CameraWorker:
+    """Reads, detects and hands on the Tracks of one camera. publish: called from the camera's own thread."""
+
+    def __init__(
+        self,
+        box: BoxConfig,
+        camera: CameraConfig,
+        config_file: Path,
+        *,
+        epoch: int,
+        clock_bound_s: Callable[[], float | None],
+        unix_ns: Callable[[int], int],
+        publish: Callable[[Tracks], None],
+    ) -> None:
+        """Opens the model, not the camera. Raises ConfigError, ModelError."""
+        self.camera = camera
+        self.lens = load_lens(camera, config_file)
+        self.error: SkyfixError | None = None
+        self._publish = publish
+        self._stop = threading.Event()
+        settings = box.detector_of(camera)
+        self._detector = open_detector(settings, background=not is_lossless(camera))
+        facts = CameraFacts(camera.id, self.lens, camera.readout_s, box.gate_of(camera), epoch)
+        self.pipeline = Pipeline(facts, self._detector, clock_bound_s)
+        self._side_by_side = (
+            SideBySide(self.pipeline, settings.workers)
+            if settings.workers > 1 and not self._detector.remembers
+            else None
+        )
+
+        def open_it() -> Source:
+            return open_source(camera, colour=self._detector.colour, stop=self._stop, unix_ns=unix_ns)
+
+        self.reader = Reader(camera.id, open_it, live=is_live(camera), lossless=is_lossless(camera))
+        self._thread = threading.Thread(target=self._run, name=f"camera-{camera.id}", daemon=True)
+        self._started_s = 0.0
+        self._done = False
+
+    def start(self) -> None:
+        """Begin to read and to detect."""
+        self._started_s = time.monotonic()
+        self.reader.start()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask both threads to end; does not wait."""
+        self._stop.set()
+        self.reader.stop()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait for both threads' end; False if a driver holds one."""
+        deadline = time.monotonic() + timeout_s
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        return self.reader.join(max(0.0, deadline - time.monotonic())) and not self._thread.is_alive()
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing more will come of this camera."""
+        return self._thread.ident is not None and not self._thread.is_alive()
+
+    @property
+    def failed(self) -> bool:
+        """Whether it ended otherwise than by its recording's end or by being told to."""
+        return self.error is not None or (self.finished and not self._done)
+
+    def _run(self) -> None:
+        if self.camera.cores:
+            os.sched_setaffinity(0, self.camera.cores)  # of this thread; its detector's threads inherit nothing
+        try:
+            self._work()
+            self.error = self.reader.state.error if self.reader.finished and not is_live(self.camera) else None
+        except SkyfixError as error:
+            self.error = error
+        finally:
+            self.reader.stop()
+            self._detector.close()
+            if self._side_by_side is not None:
+                self._side_by_side.close()
+        if self.error is not None:
+            log.error("%s", self.error)
+        self._done = True
+
+    def _work(self) -> None:
+        step = self.pipeline.step if self._side_by_side is None else self._side_by_side.step
+        while not self._stop.is_set() and not self.reader.finished:
+            frame = self.reader.get(PATIENCE_S)
+            if frame is not None:
+                for message in step(frame):
+                    self._publish(message)
+        if self._side_by_side is not None:
+            for message in self._side_by_side.flush():
+                self._publish(message)
+
+    def checks(self) -> list[Check]:
+        """How the camera and its detector are."""
+        return [self._check_camera(), self._check_pace()]
+
+    def _check_camera(self) -> Check:
+        name, state = f"camera {self.camera.id}", self.reader.state
+        error = self.error or state.error
+        if error is not None:
+            return Check(name, "fail", f"{error.where}: {error.what}", error.action)
+        if self.finished:
+            return Check(
+                name, "warn", f"the recording ended after {state.frames} frames", "start again to play another"
+            )
+        since_s = time.monotonic() - (state.last_monotonic_s or self._started_s)
+        limit_s = self.camera.source.timeout_s if state.last_monotonic_s else STARTING_S
+        if since_s > limit_s and is_live(self.camera):
+            return Check(
+                name, "fail", f"no frame for {since_s:.0f} s", "check cable and power; it is opened again by itself"
+            )
+        if state.frames == 0:
+            return Check(name, "warn", "waiting for the first frame")
+        if state.time_source == "arrival":
+            action = "use a camera that stamps its frames, or expect a worse position"
+            return Check(name, "warn", "frames are timed by their arrival, 0.1 s uncertain", action)
+        return Check(name, "ok", f"frames arrive, timed by {state.time_source}")
+
+    def _check_pace(self) -> Check:
+        name, state = f"detector {self.camera.id}", self.reader.state
+        share = state.dropped / max(1, state.frames + state.dropped)
+        if share > DROPS_WARN:
+            action = "give it a smaller model or another core, or ask the camera for fewer frames"
+            return Check(name, "warn", f"{share:.0%} of the frames were lost: too slow for this camera", action)
+        return Check(name, "ok", "keeps up")
+
+    def counters(self) -> dict[str, float]:
+        """What this camera did so far, by name."""
+        state = self.reader.state
+        read = {
+            "frames": float(state.frames),
+            "frames_dropped": float(state.dropped),
+            "source_reopened": float(state.reopened),
+        }
+        return {**read, **self.pipeline.counters()}
+
+
+def lens_message(lens: LensModel) -> Lens:
+    """A lens as it goes over the wire."""
+    return Lens(
+        model=lens.model,
+        intrinsics=lens.intrinsics,
+        distortion=list(lens.distortion),
+        rms_px=lens.rms_px,
+        size_px=lens.size_px,
+        focal_sigma_px=lens.focal_sigma_px,
+    )

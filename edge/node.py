@@ -1,0 +1,139 @@
+"""The camera box as a process: cameras, receiver, clock and link, started and stopped in order.
+
+Nothing here may wait for the network: a box that has never met a base still detects, dates and keeps what it sees. The
+loop below wakes once a second to say how things are; the work is in the threads it started, and each of them is told to
+stop before any of them is waited for, so that the whole is down within three seconds.
+"""
+
+import contextlib
+import logging
+import threading
+import time
+from pathlib import Path
+from typing import Final
+
+from edge.camera import CameraWorker, lens_message
+from edge.clock import ClockMonitor, check_clock
+from edge.config import BoxConfig, CameraConfig
+from edge.health import Check, HealthBoard
+from edge.link import Link
+from edge.messages import Tracks, camera_key, encode
+from edge.receiver import Receiver
+from edge.spool import Spool, SpoolSettings
+
+log = logging.getLogger(__name__)
+
+HEALTH_S: Final = 1.0
+WORKERS_STOP_S: Final = 1.0  # a frame under way, a scan, a full-frame model
+
+
+class Node:
+    """A camera box. Use as a context manager; `run` returns when all cameras ended or `stop` is set."""
+
+    def __init__(self, config: BoxConfig, config_file: Path, stop: threading.Event) -> None:
+        """Loads the models. Raises ConfigError, ModelError."""
+        self._config = config
+        self._stop = stop
+        # UTC in milliseconds: rises from run to run, and fits a double.
+        self._epoch = time.time_ns() // 1_000_000
+        self._clock = ClockMonitor(config.clock)
+        self._receiver = Receiver(config.gnss) if config.gnss else None
+        self._link = Link(config.link, name=f"box {config.site}")
+        self._boards = {camera.id: HealthBoard(self._epoch) for camera in config.camera}
+        self._spools: dict[str, Spool] = {}
+        self._resources = contextlib.ExitStack()
+        self.workers = [self._worker(camera, config_file) for camera in config.camera]
+
+    def _worker(self, camera: CameraConfig, config_file: Path) -> CameraWorker:
+        key = camera_key(self._config.site, camera.id, "tracks")
+
+        def publish(tracks: Tracks) -> None:
+            payload = encode(tracks)
+            if spool := self._spools.get(camera.id):
+                spool.keep(tracks.epoch, tracks.seq, tracks.t_unix_ns, payload)
+            self._link.publish_bytes(key, payload)
+
+        return CameraWorker(
+            self._config,
+            camera,
+            config_file,
+            epoch=self._epoch,
+            clock_bound_s=self._clock.bound_s,
+            unix_ns=self._clock.unix_ns,
+            publish=publish,
+        )
+
+    def __enter__(self) -> "Node":
+        self._resources.enter_context(self._link)
+        self._clock.start()
+        if self._receiver:
+            self._receiver.start()
+        for worker in self.workers:
+            self._announce(worker)
+            worker.start()
+        return self
+
+    def _announce(self, worker: CameraWorker) -> None:
+        site, camera = self._config.site, worker.camera.id
+        if self._config.spool:
+            settings = SpoolSettings(
+                file=str(Path(self._config.spool.folder) / f"{site}-{camera}.sqlite"), max_mb=self._config.spool.max_mb
+            )
+            spool = Spool(settings, self._link.serve(camera_key(site, camera, "backlog")))
+            self._spools[camera] = self._resources.enter_context(spool)
+        self._link.declare_presence(camera_key(site, camera))
+        self._link.set_state(camera_key(site, camera, "lens"), lens_message(worker.lens))
+
+    def run(self) -> bool:
+        """Say how things are once a second until told to stop or nothing is left to do; whether all went well."""
+        while not self._stop.is_set() and not all(worker.finished for worker in self.workers):
+            self._report()
+            self._stop.wait(HEALTH_S)
+        self._report()
+        return not any(worker.failed for worker in self.workers)
+
+    def _report(self) -> None:
+        now_unix_ns = time.time_ns()
+        shared = self._shared_checks()
+        fix = self._receiver.fix() if self._receiver else None
+        for worker in self.workers:
+            camera = worker.camera.id
+            health = self._boards[camera].update(
+                now_unix_ns, [*worker.checks(), *shared, *self._check_spool(camera)], self._counters(worker)
+            )
+            self._link.publish(camera_key(self._config.site, camera, "health"), health)
+            if fix is not None:
+                self._link.set_state(camera_key(self._config.site, camera, "fix"), fix)
+
+    def _shared_checks(self) -> list[Check]:
+        checks = [check_clock(self._clock.state(), self._config.clock.limit_s)]
+        if self._receiver:
+            status = self._receiver.status()
+            checks.append(Check("gnss", status.level, status.reason, status.action))
+        if self._link.error:
+            checks.append(Check("link", "fail", self._link.error, "check link.connect and that the base station runs"))
+        return checks
+
+    def _check_spool(self, camera: str) -> list[Check]:
+        spool = self._spools.get(camera)
+        if spool is None:
+            return []
+        if spool.error:
+            return [Check("spool", "warn", spool.error, "check the disk; observations wait in memory meanwhile")]
+        return [Check("spool", "ok", "keeps what was sent")]
+
+    def _counters(self, worker: CameraWorker) -> dict[str, float]:
+        link = self._link.counters
+        lost = {"link_published": link.published, "link_dropped": link.dropped, "link_stale": link.stale}
+        return {**worker.counters(), **{name: float(count) for name, count in lost.items()}}
+
+    def __exit__(self, *_: object) -> None:
+        for worker in self.workers:
+            worker.stop()
+        for worker in self.workers:
+            if not worker.join(WORKERS_STOP_S):
+                log.warning("camera %s: its driver does not let go; left to the process's end", worker.camera.id)
+        if self._receiver:
+            self._receiver.stop()
+        self._clock.stop()
+        self._resources.close()
