@@ -188,8 +188,10 @@ def loop_closure(occupations: list[Occupation]) -> Closure | None:
     return Closure(apart(first, last), (last.t_unix_ns - first.t_unix_ns) * 1e-9)
 
 
-def absolute_sigma(sigma_m: tuple[float, float, float], *, frame_known: bool) -> tuple[float, float, float]:
+def absolute_sigma(
+    sigma_m: tuple[float, float, float], *, frame_known: bool, conversion_sigma_m: float = 0.0
+) -> tuple[float, float, float]:
     """One sigma in WGS 84: an unknown frame adds a metre to it, though nothing to the network's own shape."""
-    extra_m = 0.0 if frame_known else UNKNOWN_FRAME_SIGMA_M
+    extra_m = math.hypot(conversion_sigma_m, 0.0 if frame_known else UNKNOWN_FRAME_SIGMA_M)
     east, north, up = (math.hypot(sigma, extra_m) for sigma in sigma_m)
     return east, north, up

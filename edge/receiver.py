@@ -58,7 +58,7 @@ class Receiver:
         self._bauds = cycle(AUTOBAUD) if config.baud == 0 else cycle((config.baud,))
         self._baud = next(self._bauds)
         self._session = self._new_session()
-        self._lock = threading.Lock()
+        self._changed = threading.Condition()
         self._stopping = threading.Event()
         self._fix: Fix | None = None
         self._surveyed: Surveyed | None = None
@@ -78,22 +78,27 @@ class Receiver:
 
     def fix(self) -> Fix | None:
         """The camera's position as averaged so far; None while there is none to be believed (`status` says why)."""
-        with self._lock:
+        with self._changed:
             return self._fix
 
     def surveyed(self) -> Surveyed | None:
         """The antenna's position as averaged so far, with its parts and its fault if it has one."""
-        with self._lock:
+        with self._changed:
             return self._surveyed
 
     def status(self) -> ReceiverStatus:
         """State, reason and next action."""
-        with self._lock:
+        with self._changed:
             return self._status
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for news (status, fix, surveyed); whether there is any."""
+        with self._changed:
+            return self._changed.wait(timeout_s)
 
     def restart(self) -> None:
         """Forget the positions so far: another tripod, or another occupation."""
-        with self._lock:
+        with self._changed:
             self._restart = True
             self._fix = None
             self._surveyed = None
@@ -134,7 +139,7 @@ class Receiver:
 
     def _take(self, data: bytes, watch: Watch) -> None:
         now_s = self._monotonic_s()
-        with self._lock:
+        with self._changed:
             if self._restart:
                 self._session.restart()
                 self._restart = False
@@ -153,18 +158,19 @@ class Receiver:
         fix = None
         if surveyed and status.state is State.AVERAGING:
             fix = make_fix(surveyed, self._config, self._unix_ns())
-        with self._lock:
+        with self._changed:
             if self._restart:
                 return
             if status.state is not self._status.state:
                 log.info("%s: %s: %s; %s", self._config.device, status.state, status.reason, status.action)
             self._surveyed, self._fix, self._status = surveyed, fix, status
+            self._changed.notify_all()
 
     def _report_fault(self, error: PortError) -> None:
         ended = error.fault is Fault.ENDED
         surveyed = self._session.surveyed()
         usable = ended and surveyed is not None and not surveyed.mean.fault
-        with self._lock:
+        with self._changed:
             if self._status.state != error.fault.value:
                 log.warning("%s", error)
             self._surveyed = surveyed

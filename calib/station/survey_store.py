@@ -1,0 +1,225 @@
+"""The survey's own file: every occupation as it was measured, and the positions that follow from them.
+
+The hazard is a number whose origin nobody remembers. So the raw coordinates stay for good, each with its antenna, its
+time and its sigma; the file says which frame, epoch and correction service they are in; and the positions the base
+station reads (`position`, `position_sigma`, of the lens) are derived from the raw ones anew whenever the file changes.
+"""
+
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import msgspec
+import numpy as np
+import tomli_w
+from msgspec import Meta
+from msgspec.structs import asdict, replace
+
+from calib.errors import CalibrationError
+from calib.geodesy import Origin, enu_to_geodetic, geodetic_to_enu
+from calib.station.frames import convert, frame_known
+from calib.survey import Antenna, Occupation, SurveyedPoint, absolute_sigma, combine
+from edge.atomic import write_atomically
+from edge.errors import ConfigError
+from edge.lens import Array
+from edge.messages import Name, TimeNs
+from edge.settings import load
+
+# What the file begins with: TOML keeps no comment through a rewrite, so this one is written every time.
+HEADER: Final = "# Written by `base-station survey`. Raw coordinates are never changed; positions follow from them.\n\n"
+
+Latitude = Annotated[float, Meta(ge=-90, le=90)]
+Longitude = Annotated[float, Meta(ge=-180, le=180)]
+Geodetic = tuple[Latitude, Longitude, Annotated[float, Meta(ge=-1000, le=10000)]]
+Sigma = Annotated[float, Meta(ge=0, le=1000)]
+Sigmas = tuple[Sigma, Sigma, Sigma]
+
+
+class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A table of the file. Unknown keys in it are refused."""
+
+
+class AntennaTable(Table, frozen=True, kw_only=True):
+    """As calib.survey.Antenna."""
+
+    above_lens_m: Annotated[float, Meta(ge=-3, le=10)]
+    measured_to: Literal["phase-centre", "ARP"]
+    position_of: Literal["phase-centre", "ARP"] = "phase-centre"
+    phase_centre_above_arp_m: Annotated[float, Meta(ge=0, le=0.5)] | None = None
+    beside_lens_m: Annotated[float, Meta(ge=0, le=0.01)] = 0.0
+    model: str = ""
+    measured_by: str = ""
+
+
+class OccupationTable(Table, frozen=True, kw_only=True):
+    """One static session: the antenna's position as it was measured, and the parts of its error."""
+
+    t_unix_ns: TimeNs
+    duration_s: Annotated[float, Meta(ge=0, le=1e6)]
+    samples: Annotated[int, Meta(ge=1)]
+    position: Geodetic
+    scatter_m: Sigmas
+    floor_m: Sigmas
+    fixed_m: Sigmas
+    antenna: AntennaTable
+
+
+class EnteredTable(Table, frozen=True, kw_only=True):
+    """A lens position from elsewhere: typed in, from a CSV file, or a box's own average."""
+
+    position: Geodetic
+    sigma: Sigmas
+    source: str
+
+
+class CameraTable(Table, frozen=True, kw_only=True):
+    """One tripod. position and position_sigma: derived, of the lens; what the base station reads."""
+
+    id: Name
+    position: Geodetic | None = None
+    position_sigma: Sigmas | None = None
+    entered: EnteredTable | None = None
+    occupation: tuple[OccupationTable, ...] = ()
+
+
+class TapeTable(Table, frozen=True, kw_only=True):
+    """A taped distance between two lenses."""
+
+    first: Name
+    second: Name
+    distance_m: Annotated[float, Meta(gt=0, le=1000)]
+    sigma_m: Annotated[float, Meta(gt=0, le=1)] = 0.01
+
+
+class SurveySite(Table, frozen=True, kw_only=True):
+    """What holds for all points: raw_frame and epoch of the raw coordinates; convert_to a frame, if one is wanted."""
+
+    name: Name
+    raw_frame: str = "unknown"
+    epoch: Annotated[float, Meta(ge=1980, le=2100)] | None = None
+    service: str = ""
+    base: str = ""
+    convert_to: str | None = None
+    frame: str = "unknown"
+    frame_note: str = "passed through"
+    frame_sigma_m: Sigma = 0.0
+    shift_enu_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift_note: str = ""
+
+
+class Survey(Table, frozen=True, kw_only=True):
+    """The whole file."""
+
+    site: SurveySite
+    camera: tuple[CameraTable, ...] = ()
+    tape: tuple[TapeTable, ...] = ()
+
+    def of(self, camera: str) -> CameraTable | None:
+        """The tripod of that camera, if it is in the file."""
+        return next((table for table in self.camera if table.id == camera), None)
+
+    def with_camera(self, table: CameraTable) -> "Survey":
+        """This survey with one tripod added or replaced, its order kept."""
+        if self.of(table.id) is None:
+            return replace(self, camera=(*self.camera, table))
+        return replace(self, camera=tuple(table if old.id == table.id else old for old in self.camera))
+
+
+def load_survey(path: Path) -> Survey:
+    """The survey in a file. Raises ConfigError naming file and key."""
+    survey = load(path, Survey)
+    names = [table.id for table in survey.camera]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"camera {name} is there twice", where=str(path), action="remove one of them")
+    return survey
+
+
+def save_survey(survey: Survey, path: Path) -> None:
+    """Write the file so that a power cut leaves the old or the new one."""
+    write_atomically(path, (HEADER + tomli_w.dumps(msgspec.to_builtins(survey))).encode())
+
+
+def derived(survey: Survey) -> Survey:
+    """The survey with every position computed anew from its raw coordinates: combined, converted, shifted.
+
+    Raises CalibrationError if two occupations of a tripod differ too much, ConfigError if the frame cannot be had.
+    """
+    points = {table.id: point for table in survey.camera if (point := _raw_point(table)) is not None}
+    raw = np.array([point.geodetic for point in points.values()]).reshape(-1, 3)
+    site, geodetic = _in_frame(survey.site, raw)
+    positions = dict(zip(points, _shifted(geodetic, site.shift_enu_m).tolist(), strict=True))
+    tables = []
+    for table in survey.camera:
+        point = points.get(table.id)
+        position = tuple(positions[table.id]) if point else None
+        tables.append(replace(table, position=position, position_sigma=point.sigma_m if point else None))
+    return replace(survey, site=site, camera=tuple(tables))
+
+
+def absolute_sigmas(survey: Survey) -> dict[str, tuple[float, float, float]]:
+    """One sigma in WGS 84 of each surveyed lens: with what is not known about the frame."""
+    known = frame_known(survey.site.frame)
+    return {
+        table.id: absolute_sigma(table.position_sigma, frame_known=known, conversion_sigma_m=survey.site.frame_sigma_m)
+        for table in survey.camera
+        if table.position_sigma is not None
+    }
+
+
+def occupations_of(table: CameraTable) -> list[Occupation]:
+    """The tripod's occupations as the mathematics wants them. Raises CalibrationError as Antenna does."""
+    return [
+        Occupation(
+            t_unix_ns=each.t_unix_ns,
+            duration_s=each.duration_s,
+            samples=each.samples,
+            geodetic=each.position,
+            scatter_m=each.scatter_m,
+            floor_m=each.floor_m,
+            fixed_m=each.fixed_m,
+            antenna=antenna_of(each.antenna),
+        )
+        for each in table.occupation
+    ]
+
+
+def antenna_of(table: AntennaTable) -> Antenna:
+    """The antenna as the mathematics wants it. Raises CalibrationError if it cannot be allowed for."""
+    return Antenna(**asdict(table))
+
+
+def origin_of(survey: Survey) -> Origin:
+    """The mean of the surveyed lenses: where a local frame begins. Raises CalibrationError without any."""
+    positions = [table.position for table in survey.camera if table.position is not None]
+    if not positions:
+        raise CalibrationError("no surveyed position", where="survey", action="occupy or enter the tripods first")
+    middle = geodetic_to_enu(np.array(positions), positions[0]).mean(axis=0, keepdims=True)
+    latitude, longitude, height = enu_to_geodetic(middle, positions[0])[0].tolist()
+    return latitude, longitude, height
+
+
+def _raw_point(table: CameraTable) -> SurveyedPoint | None:
+    if table.occupation:
+        return combine(occupations_of(table), where=f"camera {table.id}")
+    if table.entered:
+        return SurveyedPoint(table.entered.position, table.entered.sigma, 1)
+    return None
+
+
+def _in_frame(site: SurveySite, raw: Array) -> tuple[SurveySite, Array]:
+    """The site and (N, 3) positions in the frame that was asked for, or as they came with their label."""
+    if site.convert_to is None or len(raw) == 0:
+        return replace(site, frame=site.raw_frame, frame_note="passed through", frame_sigma_m=0.0), raw
+    if site.epoch is None:
+        raise ConfigError("the coordinates' epoch is not known", where="site.epoch", action="give the decimal year")
+    converted = convert(raw, site.raw_frame, site.convert_to, site.epoch)
+    known = replace(site, frame=site.convert_to, frame_note=converted.note, frame_sigma_m=converted.accuracy_m)
+    return known, converted.geodetic
+
+
+def _shifted(geodetic: Array, shift_enu_m: tuple[float, float, float]) -> Array:
+    """(N, 3) positions moved by the operator's vector, each in its own east, north, up."""
+    if not any(shift_enu_m) or len(geodetic) == 0:
+        return geodetic
+    shift = np.array([shift_enu_m])
+    return np.concatenate([enu_to_geodetic(shift, (row[0], row[1], row[2])) for row in geodetic.tolist()])
