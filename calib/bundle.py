@@ -1,0 +1,184 @@
+"""The adjustment: all pixels, the survey, the lens reports and the clocks' bounds, at once, in continuous time.
+
+The hazards are a start far off (answered by damping and a loss without pull from afar), weights that are wrong
+(weights.py estimates them from the residuals, in turns with the steps here), and a gauge that nothing holds (priors
+hold it, or the Schur complement refuses). Unknowns and residuals are those of projection.py and priors.py; the control
+points are eliminated as Triggs et al. (2000, section 6) eliminate points.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from calib.errors import CalibrationError
+from calib.flight import Estimate, jerk
+from calib.network import Camera
+from calib.noise import robust_cost, robust_weight
+from calib.normal import Factor, Normal, Step, factorise
+from calib.priors import CameraPrior, moved
+from calib.projection import CAMERA_SIZE, ROTATION, CameraData, Projected, project
+from calib.spline import ORDER, THIRD_DIFFERENCE
+from calib.weights import Weights, renewed, steady
+from edge.lens import Array
+
+ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
+STEPS: Final = 8  # of Gauss-Newton between two rounds
+SETTLED: Final = 1e-3  # relative change of the cost below which a round is done
+WORST_SIGMAS: Final = 30.0  # what an observation without an image costs
+HARDEST_DAMPING: Final = 1e6
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is given: one CameraData and one prior for each camera, in one order throughout."""
+
+    data: tuple[CameraData, ...]
+    priors: tuple[CameraPrior, ...]
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """A settled adjustment: the estimate, its weights, the normal equations there, factorised, and every residual."""
+
+    estimate: Estimate
+    weights: Weights
+    normal: Normal
+    factor: Factor
+    projected: tuple[Projected, ...]
+    rounds: int
+
+
+def adjust(problem: Problem, estimate: Estimate, weights: Weights, rounds: int = ROUNDS) -> Adjusted:
+    """Adjust everything together, weights included, starting with `weights`: rather too wide than too narrow.
+
+    Raises CalibrationError if the observations leave a direction undetermined.
+    """
+    for count in range(1, rounds + 1):
+        at = _descend(_Point.of(problem, estimate, weights))
+        estimate, normal = at.estimate, at.normal()
+        factor = _factorise(normal)
+        new = renewed(weights, estimate, normal, data=problem.data, projected=at.projected, kept=at.robust_weights())
+        if steady(weights, new) or count == rounds:
+            break
+        weights = new
+    return Adjusted(estimate, weights, normal, factor, at.projected, count)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """The problem at one estimate under one set of weights."""
+
+    problem: Problem
+    estimate: Estimate
+    weights: Weights
+    projected: tuple[Projected, ...]
+
+    @classmethod
+    def of(cls, problem: Problem, estimate: Estimate, weights: Weights) -> "_Point":
+        pairs = zip(estimate.cameras, problem.data, strict=True)
+        images = tuple(project(camera, seen, estimate.flight, estimate.control) for camera, seen in pairs)
+        return cls(problem, estimate, weights, images)
+
+    def moved(self, step: Step) -> "_Point":
+        changes = step.camera.reshape(-1, CAMERA_SIZE)
+        cameras = tuple(moved(camera, change) for camera, change in zip(self.estimate.cameras, changes, strict=True))
+        estimate = replace(self.estimate, cameras=cameras, control=self.estimate.control + step.control)
+        return _Point.of(self.problem, estimate, self.weights)
+
+    def lengths(self, index: int) -> Array:
+        """(N,) residuals of one camera in sigmas: what the robust loss judges, correlated or not."""
+        image, seen = self.projected[index], self.problem.data[index]
+        sigma = self.weights.noise[index].sigma_px * seen.sigma_px
+        return np.where(image.valid, np.linalg.norm(image.residual, axis=1) / sigma, WORST_SIGMAS)
+
+    def robust_weights(self) -> tuple[Array, ...]:
+        """Per camera (N,) the share of its weight that each observation keeps."""
+        return tuple(robust_weight(self.lengths(i)) * image.valid for i, image in enumerate(self.projected))
+
+    def cost(self) -> float:
+        """What the steps reduce: robust residuals, priors, and jerk."""
+        total = sum(
+            float(robust_cost(self.lengths(index)).sum()) / noise.correlated
+            for index, noise in enumerate(self.weights.noise)
+        )
+        for camera, prior in zip(self.estimate.cameras, self.problem.priors, strict=True):
+            away, (up, _) = prior.deviation(camera), prior.up_residual(camera)
+            total += float(away @ prior.information() @ away + up @ up)
+        third = jerk(self.estimate.flight, self.estimate.control)
+        return total + float((third**2).sum()) * self.estimate.flight.spacing_s * self.weights.jerk_weight
+
+    def normal(self) -> Normal:
+        """The normal equations of a step from here."""
+        normal = Normal.zero(len(self.estimate.control), CAMERA_SIZE * len(self.projected))
+        for index, (image, keep) in enumerate(zip(self.projected, self.robust_weights(), strict=True)):
+            at = slice(CAMERA_SIZE * index, CAMERA_SIZE * (index + 1))
+            prior = self.problem.priors[index]
+            sigma = self.weights.noise[index].weighing_sigma_px * self.problem.data[index].sigma_px
+            whiten = (np.sqrt(keep) / sigma)[:, None, None]
+            by_camera = image.by_camera * whiten * np.where(prior.fixed, 0.0, 1.0)
+            residual = image.residual * whiten[:, 0]
+            normal.add_observations(image.located, image.by_point * whiten, by_camera, residual, at)
+            _add_prior(normal, at, prior, self.estimate.cameras[index])
+        _add_smoothness(normal, self.estimate, self.weights.jerk_weight)
+        return normal
+
+
+def _descend(point: _Point) -> _Point:
+    """Levenberg-Marquardt under fixed weights."""
+    damping, cost = 0.0, point.cost()
+    for _ in range(STEPS):
+        normal = point.normal()
+        while True:
+            trial = _trial(point, normal, damping)
+            if trial and (trial_cost := trial.cost()) <= cost:
+                break
+            damping = max(10 * damping, 1e-4)
+            if damping > HARDEST_DAMPING:
+                return point
+        gain, cost, point = cost - trial_cost, trial_cost, trial
+        damping = damping / 10 if damping > 1e-6 else 0.0
+        if gain < SETTLED * cost:
+            break
+    return point
+
+
+def _trial(point: _Point, normal: Normal, damping: float) -> _Point | None:
+    """Where a damped step leads; None if even damped the equations have no solution."""
+    try:
+        return point.moved(factorise(normal, damping).solve(normal))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _factorise(normal: Normal) -> Factor:
+    try:
+        return factorise(normal)
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(
+            "the observations leave a direction undetermined",
+            where="adjustment",
+            action="fly a path with more height and width, or survey more cameras",
+        ) from error
+
+
+def _add_prior(normal: Normal, at: slice, prior: CameraPrior, camera: Camera) -> None:
+    information = prior.information()
+    normal.corner[at, at] += information
+    normal.right_camera[at] -= information @ prior.deviation(camera)
+    up, by_rotation = prior.up_residual(camera)
+    rotation = slice(at.start + ROTATION.start, at.start + ROTATION.stop)
+    normal.corner[rotation, rotation] += by_rotation.T @ by_rotation
+    normal.right_camera[rotation] -= by_rotation.T @ up
+
+
+def _add_smoothness(normal: Normal, estimate: Estimate, jerk_weight: float) -> None:
+    """White jerk: the acceleration is a random walk, which is what wind and a pilot's hand make of it."""
+    first, h = estimate.flight.piece_controls, estimate.flight.spacing_s
+    third = jerk(estimate.flight, estimate.control)
+    information = h * jerk_weight / h**6
+    for i in range(ORDER):
+        np.add.at(normal.right_control, first + i, -information * h**3 * THIRD_DIFFERENCE[i] * third)
+        for k in range(ORDER - i):
+            value = information * THIRD_DIFFERENCE[i] * THIRD_DIFFERENCE[i + k]
+            np.add.at(normal.block[k], first + i, value * np.eye(3))

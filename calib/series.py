@@ -1,0 +1,111 @@
+"""A camera's tracks as functions of time: what two cameras saw at the same instant.
+
+Cameras do not fire together, so before any geometry one camera's track has to be read at another's instants. The
+hazard is to read it where nothing was seen: a straight line across a gap of half a second is an invention. And one
+camera's track numbers mean nothing in another: which of its tracks shows the same object is a question for geometry,
+so here every combination is a candidate.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.observations import Observations
+from edge.lens import Array, LensModel, pixel_to_ray
+
+LONGEST_BRIDGE_S: Final = 0.25  # a track is read between two of its rows no further apart: a UAV turns in longer
+SHORTEST_TRACK: Final = 10  # rows: fewer say nothing of a path
+MOST_TRACKS: Final = 40  # the longest are kept: every pair of two cameras' tracks is tried
+
+
+@dataclass(frozen=True)
+class Track:
+    """One track of one camera: t_s (N,) seconds from t_mid, increasing; rays (N, 2); row (N,) in the observations."""
+
+    number: int
+    t_s: Array
+    rays: Array
+    row: NDArray[np.int64]
+
+    @property
+    def duration_s(self) -> float:
+        """From first to last row."""
+        return float(self.t_s[-1] - self.t_s[0])
+
+    def at(self, t_s: Array) -> Array:
+        """Rays (M, 2) at stamped times (M,), interpolated; NaN where no two rows enclose the time closely."""
+        after = np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1)
+        before = after - 1
+        gap = self.t_s[after] - self.t_s[before]
+        share = (t_s - self.t_s[before]) / gap
+        rays = self.rays[before] + share[:, None] * (self.rays[after] - self.rays[before])
+        enclosed = (gap <= LONGEST_BRIDGE_S) & (share >= 0) & (share <= 1)
+        return np.where(enclosed[:, None], rays, np.nan)
+
+
+def split_tracks(observations: Observations, lens: LensModel, t_mid_unix_ns: int) -> list[Track]:
+    """A camera's tracks, longest first; rows outside the lens model and repeated stamps are left out."""
+    t_s = (observations.t_unix_ns - t_mid_unix_ns) * 1e-9
+    rays = pixel_to_ray(lens, observations.pixels)
+    tracks = []
+    for number in np.unique(observations.track):
+        row = np.flatnonzero((observations.track == number) & np.isfinite(rays[:, 0]))
+        if len(row) == 0:
+            continue
+        row = row[np.concatenate([[True], np.diff(t_s[row]) > 0])]
+        if len(row) >= SHORTEST_TRACK:
+            tracks.append(Track(int(number), t_s[row], rays[row], row))
+    tracks.sort(key=lambda track: (-track.duration_s, track.number))
+    return tracks[:MOST_TRACKS]
+
+
+def noise_ray(tracks: list[Track]) -> float:
+    """One sigma a coordinate of the white part of the noise, ray units, from the tracks' third differences."""
+    parts = []
+    for track in tracks:
+        third = np.diff(track.rays, n=3, axis=0)
+        regular = np.ptp(np.lib.stride_tricks.sliding_window_view(np.diff(track.t_s), 3), axis=1) < 2e-3
+        parts.append(np.abs(third[regular]).ravel())
+    values = np.concatenate(parts) if parts else np.zeros(0)
+    return float(np.median(values) / 0.6745 / np.sqrt(20)) if len(values) else 0.0  # 1 + 9 + 9 + 1 = 20
+
+
+def even(count: int, most: int) -> NDArray[np.int64]:
+    """Indices of at most `most` of `count` things, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
+
+
+@dataclass(frozen=True)
+class Common:
+    """What two cameras saw at the same site times: t_s (N,), rays1, rays2 (N, 2), and which tracks (N,) of each."""
+
+    t_s: Array
+    rays1: Array
+    rays2: Array
+    track1: NDArray[np.int64]
+    track2: NDArray[np.int64]
+
+
+def common(first: list[Track], second: list[Track], offset1_s: float, offset2_s: float, most: int) -> Common:
+    """Every combination of a track of the first camera and one of the second, at the first's instants.
+
+    offsets: what to add to each camera's stamps to get site time. At most `most` rows, evenly spread in time.
+    """
+    rows = []
+    for i, one in enumerate(first):
+        for j, two in enumerate(second):
+            site = one.t_s + offset1_s
+            rays = two.at(site - offset2_s)
+            good = np.isfinite(rays[:, 0])
+            if good.sum() >= SHORTEST_TRACK:
+                n = int(good.sum())
+                rows.append((site[good], one.rays[good], rays[good], np.full(n, i), np.full(n, j)))
+    if not rows:
+        empty, none = np.zeros((0, 2)), np.zeros(0, np.int64)
+        return Common(np.zeros(0), empty, empty, none, none)
+    t, r1, r2, k1, k2 = (np.concatenate(part) for part in zip(*rows, strict=True))
+    order = np.argsort(t, kind="stable")
+    keep = order[even(len(order), most)]
+    return Common(t[keep], r1[keep], r2[keep], k1[keep], k2[keep])

@@ -1,0 +1,100 @@
+"""Similarity between two frames: scale, rotation and shift from points known in both (Kabsch 1976, Umeyama 1991).
+
+The hazards: a reflection that fits better than any rotation, points in a line that leave the roll about it open, and
+one wrongly typed position that a least-squares fit spreads over all the others. The determinant is therefore forced to
++1, the weakest singular value is reported, and swapped or wrong points are found by what a fit without them says.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from calib.errors import CalibrationError
+from edge.lens import Array
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """target = scale * rotation @ source + shift. rotation: (3, 3), det +1; shift: (3,)."""
+
+    scale: float
+    rotation: Array
+    shift: Array
+
+    def __post_init__(self) -> None:
+        if not self.scale > 0 or np.linalg.det(self.rotation) < 0:
+            raise CalibrationError("not a similarity", where="similarity", action="give scale > 0 and a rotation")
+
+    def apply(self, points: Array) -> Array:
+        """(N, 3) points of the source frame, in the target frame."""
+        moved: Array = self.scale * points @ self.rotation.T + self.shift
+        return moved
+
+
+@dataclass(frozen=True)
+class SimilarityFit:
+    """A fitted similarity, its misfit (N, 3) and flatness: second over first singular value of the points."""
+
+    similarity: Similarity
+    residual: Array
+    flatness: float
+
+
+def fit_similarity(source: Array, target: Array, weight: Array | None = None, *, scaled: bool = True) -> SimilarityFit:
+    """The similarity (a rigid motion if not `scaled`) that takes (N, 3) source points closest to (N, 3) target points.
+
+    weight: (N,), one by default. Raises CalibrationError for fewer than three points or points at one place.
+    Umeyama 1991, weighted.
+    """
+    if len(source) < 3:
+        raise CalibrationError(
+            f"{len(source)} common points, a similarity needs three",
+            where="georeferencing",
+            action="survey the position of at least three cameras",
+        )
+    w = np.ones(len(source)) if weight is None else weight
+    w = (w / w.sum())[:, None]
+    source_mean, target_mean = (w * source).sum(0), (w * target).sum(0)
+    a, b = source - source_mean, target - target_mean
+    U, D, Vt = np.linalg.svd((w * b).T @ a)
+    spread = float((w * a * a).sum())
+    if not spread > 0:
+        raise CalibrationError("all points are at one place", where="georeferencing", action="check the positions")
+    S = np.diag([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt)) or 1.0])
+    rotation = U @ S @ Vt
+    scale = float(np.trace(np.diag(D) @ S) / spread) if scaled else 1.0
+    similarity = Similarity(max(scale, np.finfo(float).tiny), rotation, target_mean - scale * rotation @ source_mean)
+    singular = np.linalg.svd(a, compute_uv=False)
+    return SimilarityFit(similarity, target - similarity.apply(source), float(singular[1] / singular[0]))
+
+
+def rms(residual: Array) -> float:
+    """Root mean square length of (N, 3) residuals, metres."""
+    return float(np.sqrt((residual**2).sum(1).mean()))
+
+
+def best_swap(source: Array, target: Array) -> tuple[tuple[int, int], float]:
+    """The two target points whose exchange makes the fit best, and its rms. source, target: (N, 3), N >= 4."""
+
+    def swapped(pair: tuple[int, int]) -> float:
+        order = np.arange(len(target))
+        order[list(pair)] = order[list(reversed(pair))]
+        return rms(fit_similarity(source, target[order]).residual)
+
+    pairs = list(combinations(range(len(target)), 2))
+    misfits = [swapped(pair) for pair in pairs]
+    return pairs[int(np.argmin(misfits))], min(misfits)
+
+
+def worst_point(source: Array, target: Array) -> tuple[int, float, float]:
+    """The target point without which the others fit best, their rms then, and how far that point is off (m)."""
+
+    def without(index: int) -> SimilarityFit:
+        keep = np.arange(len(target)) != index
+        return fit_similarity(source[keep], target[keep])
+
+    fits = [without(index) for index in range(len(target))]
+    best = int(np.argmin([rms(fit.residual) for fit in fits]))
+    off = target[best] - fits[best].similarity.apply(source[best][None])[0]
+    return best, rms(fits[best].residual), float(np.linalg.norm(off))
