@@ -67,6 +67,7 @@ def _add_lens(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     lens = commands.add_parser("lens", help="measure a lens from pictures of a chessboard (Zhang's method)")
     lens.add_argument("images", nargs="+", metavar="IMAGES", help="pictures, folders of pictures, or a video")
     lens.add_argument("--board", required=True, metavar="COLSxROWS", help="inner corners of the board, such as 9x6")
+    lens.add_argument("--pattern", choices=("chessboard", "charuco"), default="chessboard", help="default: chessboard")
     lens.add_argument("--square-mm", type=float, default=1.0, metavar="S", help="side of a square; any value serves")
     lens.add_argument("--model", choices=("radtan", "fisheye"), default="radtan", help="default: radtan")
     lens.add_argument("-o", "--output", required=True, type=Path, metavar="LENS.toml", help="where to write the lens")
@@ -124,7 +125,8 @@ def _check(arguments: argparse.Namespace) -> int:
 def _lens(arguments: argparse.Namespace) -> int:
     from edge.lens_command import measure  # noqa: PLC0415
 
-    return measure(arguments)
+    print(measure(arguments))
+    return DONE
 
 
 if __name__ == "__main__":

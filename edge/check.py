@@ -19,7 +19,7 @@ from edge.detector import open_detector
 from edge.errors import SkyfixError
 from edge.health import Check
 from edge.link import Link
-from edge.messages import station_key
+from edge.messages import HealthLevel, station_key
 from edge.pipeline import CameraFacts, Pipeline, total_bound_s
 from edge.receiver import Receiver
 from edge.receiver_health import State
@@ -76,7 +76,7 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
             return
         bound_s = total_bound_s(last, clock.bound_s())
         told = "unknown" if bound_s is None else f"{bound_s * 1e3:.3g} ms"
-        level = "warn" if bound_s is None or last.time_source == "arrival" else "ok"
+        level: HealthLevel = "warn" if bound_s is None or last.time_source == "arrival" else "ok"
         action = "expect a worse position, or give it a better source of time" if level == "warn" else ""
         size = f"{last.size_px[0]} x {last.size_px[1]}"
         reason = f"{size} frames, timed by {last.time_source}, uncertain by {told}"

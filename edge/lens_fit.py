@@ -1,0 +1,178 @@
+"""A lens from pictures of a flat board (Zhang 2000), and how far to trust it.
+
+The residual of a calibration says how well it explains the pictures it was made from, and falls with every parameter
+that is added. So the lens is also judged on pictures that were held out, the number of distortion coefficients is
+chosen by that, and the spread of the focal length between the fits with one part of the pictures left out (the
+delete-a-group jackknife, Shao and Wu 1989) is its sigma. Pictures that fit far worse than the others are left out, one
+at a time, and named.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+
+from edge.boards import View
+from edge.errors import LensError
+from edge.lens import Array, LensModel, pixel_to_ray, ray_to_pixel
+
+Model = Literal["radtan", "fisheye"]
+
+FEWEST_VIEWS: Final = 6  # below, focal length and distortion are not told apart
+OUTLIER_RATIO: Final = 2.5  # times the median rms of a view: a blurred or bent board
+OUTLIER_FLOOR_PX: Final = 0.3  # px: no view as good as this is called an outlier
+MOST_REJECTED: Final = 1 / 3  # of the views: if more are bad, it is the model that is wrong
+FOLDS: Final = 5
+WORTH_IT: Final = 0.98  # a larger model must lower the held-out rms below this share
+COVERAGE_CELLS: Final = (8, 6)  # columns, rows of the coverage map
+
+# OpenCV's flags and how many of its coefficients are free: 4 (k1 k2 p1 p2), 5 (k3), 8 (rational).
+RADTAN_FLAGS: Final = {4: cv2.CALIB_FIX_K3, 5: 0, 8: cv2.CALIB_RATIONAL_MODEL}
+FISHEYE_FLAGS: Final = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
+
+
+@dataclass(frozen=True)
+class LensFit:
+    """A measured lens. rms_px: of the views used. held_out_rms_px: of views that a fit had not seen. view_rms_px: by
+    name. rejected: name to reason. coverage: `(rows, columns)` corners seen in each part of the image."""
+
+    lens: LensModel
+    rms_px: float
+    held_out_rms_px: float
+    view_rms_px: dict[str, float]
+    rejected: dict[str, str]
+    coverage: Array
+
+
+@dataclass(frozen=True)
+class _Fit:
+    lens: LensModel
+    view_rms: Array
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt(np.mean(self.view_rms**2)))
+
+
+def fit_lens(views: Sequence[View], size_px: tuple[int, int], model: Model) -> LensFit:
+    """The lens that views of a board show. size_px: width, height of the pictures. Raises LensError if too few."""
+    used = list(views)
+    rejected: dict[str, str] = {}
+    _need(used)
+    coefficients = _choose(used, size_px, model)
+    fit = _calibrate(used, size_px, model, coefficients)
+    while len(rejected) < MOST_REJECTED * len(views) and len(used) > FEWEST_VIEWS:
+        worst = int(np.argmax(fit.view_rms))
+        limit = max(OUTLIER_FLOOR_PX, OUTLIER_RATIO * float(np.median(fit.view_rms)))
+        if fit.view_rms[worst] <= limit:
+            break
+        rejected[used[worst].name] = (
+            f"rms {fit.view_rms[worst]:.2f} px, the others' median {np.median(fit.view_rms):.2f} px"
+        )
+        del used[worst]
+        fit = _calibrate(used, size_px, model, coefficients)
+    held_out, focal_sigma = _cross_validate(used, size_px, model, coefficients)
+    lens = LensModel(
+        model, fit.lens.intrinsics, fit.lens.distortion, size_px, rms_px=fit.rms, focal_sigma_px=focal_sigma
+    )
+    by_name = {view.name: float(rms) for view, rms in zip(used, fit.view_rms, strict=True)}
+    return LensFit(lens, fit.rms, held_out, by_name, rejected, coverage(used, size_px))
+
+
+def _need(views: Sequence[View]) -> None:
+    if len(views) < FEWEST_VIEWS:
+        raise LensError(
+            f"the board was found in {len(views)} pictures, {FEWEST_VIEWS} are needed",
+            where="pictures of the board",
+            action="take more, sharp, with the board tilted and in every corner of the image; check --board",
+        )
+
+
+def _choose(views: Sequence[View], size_px: tuple[int, int], model: Model) -> int:
+    """The fewest coefficients that held-out views ask for."""
+    if model == "fisheye":
+        return 4
+    best, best_rms = 4, _cross_validate(views, size_px, model, 4)[0]
+    for coefficients in (5, 8):
+        rms = _cross_validate(views, size_px, model, coefficients)[0]
+        if rms < WORTH_IT * best_rms:
+            best, best_rms = coefficients, rms
+    return best
+
+
+def _calibrate(views: Sequence[View], size_px: tuple[int, int], model: Model, coefficients: int) -> _Fit:
+    """Zhang's method by OpenCV; the residuals are taken again with our own lens model."""
+    try:
+        matrix, distortion = (_fisheye if model == "fisheye" else _radtan)(views, size_px, coefficients)
+    except cv2.error as error:
+        action = "take more pictures, with the board tilted and nearer the corners"
+        raise LensError(
+            f"the fit does not converge ({error.err})", where="pictures of the board", action=action
+        ) from error
+    intrinsics = (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
+    lens = LensModel(model, tuple(map(float, intrinsics)), tuple(map(float, distortion)), size_px)  # type: ignore[arg-type]
+    return _Fit(lens, np.array([view_rms(lens, view) for view in views]))
+
+
+def _radtan(views: Sequence[View], size_px: tuple[int, int], coefficients: int) -> tuple[Array, Array]:
+    boards = [view.board_mm.astype(np.float32) for view in views]
+    corners = [view.image_px.astype(np.float32) for view in views]
+    _, matrix, distortion, _, _ = cv2.calibrateCamera(
+        boards,
+        corners,
+        size_px,
+        None,
+        None,
+        flags=RADTAN_FLAGS[coefficients],
+    )
+    return np.asarray(matrix, float), np.asarray(distortion, float).ravel()[:coefficients]
+
+
+def _fisheye(views: Sequence[View], size_px: tuple[int, int], _: int) -> tuple[Array, Array]:
+    boards = [view.board_mm.reshape(1, -1, 3) for view in views]
+    corners = [view.image_px.reshape(1, -1, 2) for view in views]
+    guess = np.array([[size_px[0] / 3, 0, size_px[0] / 2], [0, size_px[0] / 3, size_px[1] / 2], [0, 0, 1.0]])
+    flags = FISHEYE_FLAGS | cv2.CALIB_USE_INTRINSIC_GUESS
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9)
+    fitted = cv2.fisheye.calibrate(boards, corners, size_px, guess, np.zeros(4), flags=flags, criteria=criteria)
+    return np.asarray(fitted[1], float), np.asarray(fitted[2], float).ravel()
+
+
+def view_rms(lens: LensModel, view: View) -> float:
+    """How well a lens explains one view, its pose fitted: rms distance of the corners in pixels."""
+    # The corners' rays make it a pinhole problem; where the lens has no ray for a corner, it explains nothing.
+    rays = pixel_to_ray(lens, view.image_px)
+    if not np.isfinite(rays).all():
+        return float("inf")
+    _, turn, shift = cv2.solvePnP(view.board_mm, rays, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_ITERATIVE)
+    in_camera = view.board_mm @ np.asarray(cv2.Rodrigues(turn)[0]).T + np.asarray(shift).ravel()
+    off = ray_to_pixel(lens, in_camera[:, :2] / in_camera[:, 2:]) - view.image_px
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
+
+def _cross_validate(
+    views: Sequence[View], size_px: tuple[int, int], model: Model, coefficients: int
+) -> tuple[float, float]:
+    """Rms of views that a fit had not seen, and the jackknife sigma of the focal length."""
+    folds = min(FOLDS, len(views))
+    fits = []
+    held_out: list[float] = []
+    for fold in range(folds):
+        kept = [view for k, view in enumerate(views) if k % folds != fold]
+        fit = _calibrate(kept, size_px, model, coefficients)
+        fits.append(fit.lens.intrinsics[:2])
+        held_out += [view_rms(fit.lens, view) for k, view in enumerate(views) if k % folds == fold]
+    focal = np.array(fits)
+    variance = (folds - 1) / folds * np.sum((focal - focal.mean(axis=0)) ** 2, axis=0)
+    return float(np.sqrt(np.mean(np.square(held_out)))), float(np.sqrt(variance.max()))
+
+
+def coverage(views: Sequence[View], size_px: tuple[int, int]) -> Array:
+    """How many corners were seen in each part of the image, `(rows, columns)`."""
+    columns, rows = COVERAGE_CELLS
+    corners = np.concatenate([view.image_px for view in views])
+    extent = ((0, size_px[1]), (0, size_px[0]))
+    counts: Array = np.histogram2d(corners[:, 1], corners[:, 0], bins=(rows, columns), range=extent)[0]
+    return counts
