@@ -151,7 +151,7 @@ def derived(survey: Survey) -> Survey:
     tables = []
     for table in survey.camera:
         point = points.get(table.id)
-        position = tuple(positions[table.id]) if point else None
+        position = _rounded(positions[table.id]) if point else None
         tables.append(replace(table, position=position, position_sigma=point.sigma_m if point else None))
     return replace(survey, site=site, camera=tuple(tables))
 
@@ -196,6 +196,12 @@ def origin_of(survey: Survey) -> Origin:
     middle = geodetic_to_enu(np.array(positions), positions[0]).mean(axis=0, keepdims=True)
     latitude, longitude, height = enu_to_geodetic(middle, positions[0])[0].tolist()
     return latitude, longitude, height
+
+
+def _rounded(position: list[float]) -> Origin:
+    """To a micrometre: what a person reading the file can compare."""
+    latitude, longitude, height = position
+    return round(latitude, 11), round(longitude, 11), round(height, 6)
 
 
 def _raw_point(table: CameraTable) -> SurveyedPoint | None:
