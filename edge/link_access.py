@@ -1,0 +1,96 @@
+"""Who may say what: the site's list of certificates, turned into Zenoh's access control.
+
+Everything that is not allowed here is denied. A camera's certificate may write below its own key and nowhere else, so
+a stolen box cannot speak for another; only the station's may write station keys, so nobody else can add an aircraft.
+Who is not on the list is connected to nothing, even with a valid certificate: that is how a certificate is revoked, as
+Zenoh knows no revocation lists. The list is read when the session opens.
+"""
+
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+
+from edge.errors import ConfigError
+from edge.messages import Name, camera_key, site_key, station_key
+
+# What one side says, and what it asks; in Zenoh's words.
+_SPEAK: Final = ["put", "delete", "liveliness_token", "declare_queryable", "reply"]
+_ASK: Final = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
+
+
+class Subject(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One certificate: its common name, what it is for, and which cameras it speaks for."""
+
+    common_name: str
+    role: Literal["camera", "station", "reader", "router"]
+    cameras: tuple[Name, ...] = ()
+    not_after: str  # ISO 8601, UTC; for people: the certificate itself decides
+
+
+class Access(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The site's list, access.json: written by `deploy/certs`, read by whoever listens."""
+
+    site: Name
+    subjects: tuple[Subject, ...]
+
+
+def load_access(path: Path) -> Access:
+    """The list in a file. Raises ConfigError."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Access)
+    except (OSError, msgspec.MsgspecError) as error:
+        raise ConfigError(
+            f"the list of certificates cannot be read ({error})",
+            where=str(path),
+            action="copy access.json from the authority's folder, or make one with `python deploy/certs init`",
+        ) from error
+
+
+def access_control(access: Access) -> dict[str, Any]:
+    """Zenoh's `access_control` section for this list: default deny, one policy a subject."""
+    rules = [rule for subject in access.subjects for rule in _rules(access.site, subject)]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [
+            {"id": subject.common_name, "cert_common_names": [subject.common_name]} for subject in access.subjects
+        ],
+        "policies": [
+            {"subjects": [s.common_name], "rules": [rule["id"] for rule in _rules(access.site, s)]}
+            for s in access.subjects
+        ],
+    }
+
+
+def _rules(site: str, subject: Subject) -> list[dict[str, Any]]:
+    own = _own_keys(site, subject)
+    hears = _below(station_key(site)) if subject.role == "camera" else [site_key(site, "**")]
+    name = subject.common_name
+    rules = [
+        # It asks, we speak; on the keys it may hear.
+        _rule(f"{name}-asks", "ingress", _ASK, hears),
+        _rule(f"{name}-hears", "egress", _SPEAK, hears),
+    ]
+    if own:
+        # It speaks, on its own keys; what we ask of anybody may be known to it.
+        rules.append(_rule(f"{name}-speaks", "ingress", _SPEAK, own))
+        rules.append(_rule(f"{name}-is-asked", "egress", _ASK, [site_key(site, "**")]))
+    return rules
+
+
+def _own_keys(site: str, subject: Subject) -> list[str]:
+    if subject.role == "camera":
+        return [key for camera in subject.cameras for key in _below(camera_key(site, camera))]
+    if subject.role == "station":
+        return _below(station_key(site))
+    return [site_key(site, "**")] if subject.role == "router" else []
+
+
+def _below(key: str) -> list[str]:
+    return [key, f"{key}/**"]
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "messages": messages, "flows": [flow], "permission": "allow", "key_exprs": keys}
