@@ -10,22 +10,23 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable
 from types import TracebackType
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
 
 import msgspec
 import zenoh
 
 from edge import messages
+from edge.errors import ConfigError
 from edge.inbox import Inbox, Presence, Received
-from edge.link_profile import MAX_MESSAGE_BYTES, LinkSettings, zenoh_config
+from edge.link_profile import LinkSettings, zenoh_config
+from edge.outbox import Outbox, Outgoing
+from edge.reception import Reception
+from edge.request import Request
 
 log = logging.getLogger(__name__)
 
-OUTGOING_CAPACITY: Final = 256  # messages; about 3 s of two cameras at 30 Hz
-STALE_NS: Final = 1_000_000_000  # a live message older than this is not sent
 REOPEN_S: Final = 0.5  # between attempts to open a session
 STATE_POLL_S: Final = 5.0  # how often late-joiner state is asked for, beside every arrival
 QUERY_TIMEOUT_S: Final = 2.0
@@ -44,33 +45,8 @@ class LinkCounters(msgspec.Struct, frozen=True, kw_only=True):
     failed: int  # Zenoh refused it
     received: int
     oversize: int  # larger than any honest message
+    over_rate: int  # faster than any honest sender
     open_failures: int
-
-
-class _Outgoing(NamedTuple):
-    key: str
-    payload: bytes
-    t_monotonic_ns: int
-
-
-class Request:
-    """A question to one of our keys. Whoever took it from the inbox answers from his own thread, or lets it fall."""
-
-    def __init__(self, key: str, query: zenoh.Query) -> None:
-        self._key = key
-        self._query = query
-
-    @property
-    def parameters(self) -> dict[str, str]:
-        """What came after the `?` of the selector, as text; the asker may have written anything there."""
-        pairs = (part.partition("=") for part in str(self._query.parameters).split(";"))
-        return {name: value for name, _, value in pairs if name}
-
-    def answer(self, payloads: Iterable[bytes]) -> None:
-        """Send these replies, each a message of its own, and end the question. An asker who left is no error."""
-        with suppress(zenoh.ZError), self._query:
-            for payload in payloads:
-                self._query.reply(self._key, payload, encoding=messages.ENCODING)
 
 
 class Link:
@@ -80,7 +56,8 @@ class Link:
         self._settings = settings
         self._name = name
         self._lock = threading.Condition()
-        self._outgoing: deque[_Outgoing] = deque()
+        self._outbox = Outbox(self._lock)
+        self._reception = Reception()
         self._wishes: deque[Callable[[zenoh.Session], object]] = deque()  # what to declare, in order
         self._declared: list[object] = []  # a token or queryable without a reference is dropped at once
         self._publishers: dict[str, zenoh.Publisher] = {}
@@ -90,11 +67,13 @@ class Link:
         self._bell = threading.Event()
         self._opened = threading.Event()
         self._stopping = False
-        self._counts = dict.fromkeys(LinkCounters.__struct_fields__, 0)
+        self._published = self._failed = self._open_failures = 0
         self._error = ""
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def __enter__(self) -> Self:
+        if self._settings.warning:
+            log.warning("%s: %s", self._name, self._settings.warning)
         self._thread.start()
         return self
 
@@ -123,12 +102,7 @@ class Link:
 
     def publish_bytes(self, key: str, payload: bytes) -> None:
         """As `publish`, for a message that is already encoded."""
-        with self._lock:
-            if len(self._outgoing) >= OUTGOING_CAPACITY:
-                self._outgoing.popleft()
-                self._counts["dropped"] += 1
-            self._outgoing.append(_Outgoing(key, payload, time.monotonic_ns()))
-            self._lock.notify_all()
+        self._outbox.put(key, payload)
 
     def set_state(self, key: str, message: msgspec.Struct) -> None:
         """Publish a message that late joiners need too (lens, fix, network): sent on change, answered when asked."""
@@ -151,7 +125,9 @@ class Link:
     def subscribe(self, key_expr: str, capacity: int = 256) -> Inbox[Received]:
         """Messages on these keys, from now on, in a bounded inbox."""
         inbox: Inbox[Received] = Inbox(capacity, self._bell)
-        self._wish(lambda session: session.declare_subscriber(key_expr, lambda sample: self._receive(sample, inbox)))
+        self._wish(
+            lambda session: session.declare_subscriber(key_expr, lambda sample: self._reception.admit(sample, inbox))
+        )
         return inbox
 
     def watch_state(self, key_expr: str, capacity: int = 256) -> Inbox[Received]:
@@ -163,7 +139,7 @@ class Link:
             key, payload = str(sample.key_expr), sample.payload.to_bytes()
             if last.get(key) != payload:
                 last[key] = payload
-                self._receive(sample, inbox)
+                self._reception.admit(sample, inbox)
 
         def ask(session: zenoh.Session) -> None:
             session.get(
@@ -207,7 +183,7 @@ class Link:
 
         def receive(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                self._receive(reply.ok, replies)
+                self._reception.admit(reply.ok, replies)
 
         def get(session: zenoh.Session) -> None:
             session.get(
@@ -240,6 +216,11 @@ class Link:
         return self._opened.wait(timeout_s)
 
     @property
+    def warning(self) -> str:
+        """That nothing is protected, if so; for health. Empty with the production profile."""
+        return self._settings.warning
+
+    @property
     def error(self) -> str:
         """Why the session is not open; empty once it is."""
         return self._error
@@ -248,17 +229,16 @@ class Link:
     def counters(self) -> LinkCounters:
         """What this link did so far."""
         with self._lock:
-            return LinkCounters(**self._counts)
+            return LinkCounters(
+                published=self._published,
+                dropped=self._outbox.dropped,
+                stale=self._outbox.stale,
+                failed=self._failed,
+                open_failures=self._open_failures,
+                **msgspec.structs.asdict(self._reception.counters),
+            )
 
     # Zenoh's threads: they only put
-
-    def _receive(self, sample: zenoh.Sample, inbox: Inbox[Received]) -> None:
-        payload = sample.payload.to_bytes()
-        oversize = len(payload) > MAX_MESSAGE_BYTES
-        with self._lock:
-            self._counts["oversize" if oversize else "received"] += 1
-        if not oversize:
-            inbox.put(Received(str(sample.key_expr), payload, time.monotonic_ns()))
 
     def _answer_state(self, query: zenoh.Query) -> None:
         with self._lock:
@@ -296,7 +276,7 @@ class Link:
         while not self._stopping:
             try:
                 session = zenoh.open(zenoh_config(self._settings))
-            except zenoh.ZError as error:
+            except (zenoh.ZError, ConfigError) as error:
                 self._note_failure(error)
                 with self._lock:
                     self._lock.wait_for(lambda: self._stopping, REOPEN_S)
@@ -306,9 +286,9 @@ class Link:
                 return session
         return None
 
-    def _note_failure(self, error: zenoh.ZError) -> None:
+    def _note_failure(self, error: Exception) -> None:
         with self._lock:
-            self._counts["open_failures"] += 1
+            self._open_failures += 1
         if self._error != str(error):
             log.warning(
                 "%s: the Zenoh session does not open (%s); trying again every %.1f s", self._name, error, REOPEN_S
@@ -318,9 +298,8 @@ class Link:
     def _step(self, session: zenoh.Session) -> bool:
         with self._lock:
             self._lock.wait_for(self._has_work, self._patience_s())
-            wishes, outgoing, stopping = list(self._wishes), list(self._outgoing), self._stopping
+            wishes, outgoing, stopping = list(self._wishes), self._outbox.take(), self._stopping
             self._wishes.clear()
-            self._outgoing.clear()
         for declare in wishes:
             if (declared := declare(session)) is not None:
                 self._declared.append(declared)
@@ -333,24 +312,20 @@ class Link:
         return not stopping
 
     def _has_work(self) -> bool:
-        return bool(self._stopping or self._wishes or self._outgoing or self._patience_s() == 0)
+        return bool(self._stopping or self._wishes or self._outbox or self._patience_s() == 0)
 
     def _patience_s(self) -> float | None:
         """How long until somebody's state must be asked for; None if nobody watches any."""
         return max(0.0, self._states_due - time.monotonic()) if self._state_watchers else None
 
-    def _send(self, session: zenoh.Session, item: _Outgoing) -> None:
-        if time.monotonic_ns() - item.t_monotonic_ns > STALE_NS:
-            outcome = "stale"
+    def _send(self, session: zenoh.Session, item: Outgoing) -> None:
+        try:
+            self._publisher(session, item.key).put(item.payload)
+        except zenoh.ZError as error:
+            log.debug("%s: %s not sent (%s)", self._name, item.key, error)
+            self._failed += 1
         else:
-            try:
-                self._publisher(session, item.key).put(item.payload)
-                outcome = "published"
-            except zenoh.ZError as error:
-                log.debug("%s: %s not sent (%s)", self._name, item.key, error)
-                outcome = "failed"
-        with self._lock:
-            self._counts[outcome] += 1
+            self._published += 1
 
     def _publisher(self, session: zenoh.Session, key: str) -> zenoh.Publisher:
         if key not in self._publishers:

@@ -209,14 +209,19 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
 Message = TypeVar("Message", bound=msgspec.Struct)
 
 
+def site_key(site: str, rest: str) -> str:
+    """The Zenoh key expression of everything at a site that matches `rest`, such as `**`."""
+    return f"skyfix/{VERSION}/{site}/{rest}"
+
+
 def camera_key(site: str, camera: str, topic: str = "") -> str:
     """The Zenoh key of a camera's topic; without a topic, that of its liveliness token. `camera` may be `*`."""
-    return "/".join(part for part in (f"skyfix/{VERSION}/{site}/cam/{camera}", topic) if part)
+    return "/".join(part for part in (site_key(site, f"cam/{camera}"), topic) if part)
 
 
 def station_key(site: str, topic: str = "") -> str:
     """The Zenoh key of a station's topic; without a topic, that of its liveliness token."""
-    return "/".join(part for part in (f"skyfix/{VERSION}/{site}/station", topic) if part)
+    return "/".join(part for part in (site_key(site, "station"), topic) if part)
 
 
 def camera_of_key(key: str) -> str | None:

@@ -20,8 +20,8 @@ from typing import Annotated, Final, Self
 import msgspec
 
 from edge.inbox import Inbox
-from edge.link import Request
 from edge.messages import MAX_BACKLOG_ROWS, Backlog, Inventory, SpooledEpoch, encode
+from edge.request import Request
 from edge.spool_store import Row, SpoolStore
 
 log = logging.getLogger(__name__)

@@ -6,9 +6,10 @@ from collections.abc import Callable
 import pytest
 
 from edge.inbox import Inbox, Received
-from edge.link import OUTGOING_CAPACITY, Link
+from edge.link import Link
 from edge.link_profile import LinkSettings
 from edge.messages import Lens, Tracks, camera_key, decode
+from edge.outbox import CAPACITY
 
 LENS = Lens(model="radtan", intrinsics=(900.0, 900.0, 640.0, 360.0), distortion=[], rms_px=0.3, size_px=(1280, 720))
 
@@ -97,7 +98,7 @@ def test_publishing_without_a_session_neither_blocks_nor_grows(endpoint: str, un
     # A client without its router cannot open a session at all.
     with Link(LinkSettings(mode="client", connect=(endpoint,)), name="lonely") as link:
         start = time.monotonic()
-        for seq in range(OUTGOING_CAPACITY + 100):
+        for seq in range(CAPACITY + 100):
             link.publish(camera_key("field", "cam0", "tracks"), tracks(seq))
         assert time.monotonic() - start < 1.0
         assert link.counters.dropped == 100

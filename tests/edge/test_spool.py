@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge.inbox import Inbox
-from edge.link import Request
 from edge.messages import Backlog, Inventory, decode
+from edge.request import Request
 from edge.spool import ANSWER_BYTES, Spool, SpoolSettings, answers
 from edge.spool_store import Row, SpoolStore
 
@@ -143,6 +143,7 @@ def test_a_full_disk_is_named_and_got_over(tmp_path: Path) -> None:
 WRITER = """
 import sys, time
 from edge.inbox import Inbox
+from edge.request import Request
 from edge.spool import Spool, SpoolSettings
 with Spool(SpoolSettings(file=sys.argv[1]), Inbox(8)) as spool:
     for seq in range(100000):

@@ -1,0 +1,74 @@
+"""The door for what comes from the network: nothing larger or faster than an honest sender's gets in.
+
+A sender that has gone mad, or was never honest, must cost little: what is over its rate or size is dropped before it is
+decoded, and counted. Each key has its own allowance, so one camera's flood takes nothing from another.
+"""
+
+import threading
+import time
+from typing import Final
+
+import msgspec
+import zenoh
+
+from edge.inbox import Inbox, Received
+from edge.link_profile import MAX_MESSAGE_BYTES
+
+RATE_HZ: Final = 1000.0  # messages a second and key: a 30 Hz recording played at 30 times its speed
+BURST: Final = 2000.0  # messages a key may send at once: what a link held back while it was cut
+MAX_KEYS: Final = 4096  # remembered; all are forgotten when there are more, which only a flood of keys does
+
+
+class ReceptionCounters(msgspec.Struct, frozen=True, kw_only=True):
+    """What came in so far; every number only grows."""
+
+    received: int = 0
+    oversize: int = 0  # larger than any honest message
+    over_rate: int = 0  # faster than any honest sender
+
+
+class Allowances:
+    """A token bucket for each key. Pure: time is handed in."""
+
+    def __init__(self, rate_hz: float = RATE_HZ, burst: float = BURST, max_keys: int = MAX_KEYS) -> None:
+        self._rate_hz = rate_hz
+        self._burst = burst
+        self._max_keys = max_keys
+        self._left: dict[str, tuple[float, float]] = {}  # key: messages still allowed, and when that was so
+
+    def take(self, key: str, now_s: float) -> bool:
+        """Whether this key may send one more message now."""
+        left, since_s = self._left.get(key, (self._burst, now_s))
+        left = min(self._burst, left + (now_s - since_s) * self._rate_hz)
+        if len(self._left) >= self._max_keys and key not in self._left:
+            self._left.clear()
+        self._left[key] = (left - 1 if left >= 1 else left, now_s)
+        return left >= 1
+
+
+class Reception:
+    """Admits samples to inboxes. Called from Zenoh's threads: it only counts and puts."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._allowances = Allowances()
+        self._received = self._oversize = self._over_rate = 0
+
+    def admit(self, sample: zenoh.Sample, inbox: Inbox[Received]) -> None:
+        """Put a sample into an inbox, or drop and count it."""
+        key, size = str(sample.key_expr), len(sample.payload)
+        with self._lock:
+            if size > MAX_MESSAGE_BYTES:
+                self._oversize += 1
+                return
+            if not self._allowances.take(key, time.monotonic()):
+                self._over_rate += 1
+                return
+            self._received += 1
+        inbox.put(Received(key, sample.payload.to_bytes(), time.monotonic_ns()))
+
+    @property
+    def counters(self) -> ReceptionCounters:
+        """What came in so far."""
+        with self._lock:
+            return ReceptionCounters(received=self._received, oversize=self._oversize, over_rate=self._over_rate)

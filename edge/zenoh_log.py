@@ -1,0 +1,127 @@
+"""What Zenoh says only in its log: whom it turned away, and why. Counted, so that health can tell.
+
+A box with an expired certificate sees nothing but a timeout, and an intruder is seen nowhere: refused handshakes and
+refused messages show only as lines that the library writes to standard output. So those lines are led through a pipe,
+counted by kind, and the reasons passed on to our own log, each once a minute. The pipe never blocks its writer: under a
+flood lines are lost, and the count is then too low, but the live stream goes on.
+"""
+
+import fcntl
+import logging
+import os
+import re
+import sys
+import threading
+import time
+from types import TracebackType
+from typing import Final, Self
+
+import msgspec
+import zenoh
+
+log = logging.getLogger(__name__)
+
+# One line for each refused message, without the hundreds of lines about those that were allowed.
+_FILTER: Final = "warn,zenoh::net::routing::interceptor=trace,zenoh::net::routing::interceptor::access_control=off"
+_REFUSED_MESSAGE: Final = b"Msg intercepted!"
+_HANDSHAKE: Final = re.compile(rb"zenoh_link_(?:tls|quic)[\w:]*: (.*?)(?:\. Hint: .*)?$", re.MULTILINE)
+_NUMBERS: Final = re.compile(r"\d+")  # differ from line to line; the reason does not
+_HARMLESS: Final = (b"Gossip is disabled", b"Scouting delay elapsed", b"Unknown token")
+_STYLE: Final = re.compile(rb"\x1b\[[0-9;]*m")
+PIPE_BYTES: Final = 1 << 20  # what waits while our thread does not get its turn
+REPEAT_S: Final = 60.0
+MAX_REASONS: Final = 100  # remembered; an intruder cannot fill the memory with inventive ones
+
+
+class Refusals(msgspec.Struct, frozen=True, kw_only=True):
+    """How often somebody was turned away since the start; every number only grows."""
+
+    handshakes: int = 0  # no certificate, a wrong authority, expired, not TLS at all
+    messages: int = 0  # a certificate that may not say this
+    last_reason: str = ""
+
+
+class LogReader:
+    """Counts refusals in the log's bytes. Pure: bytes and time are handed in."""
+
+    def __init__(self) -> None:
+        self.refusals = Refusals()
+        self._rest = b""
+        self._told: dict[str, float] = {}
+
+    def read(self, chunk: bytes, now_s: float) -> list[str]:
+        """Take in a chunk; returns the sentences worth passing on, each at most once a minute."""
+        lines, newline, rest = (self._rest + chunk).rpartition(b"\n")
+        self._rest = rest[-PIPE_BYTES:]
+        if not newline:
+            return []
+        text = _STYLE.sub(b"", lines)
+        reasons = [reason.decode(errors="replace") for reason in _HANDSHAKE.findall(text)]
+        self.refusals = Refusals(
+            handshakes=self.refusals.handshakes + len(reasons),
+            messages=self.refusals.messages + text.count(_REFUSED_MESSAGE),
+            last_reason=reasons[-1] if reasons else self.refusals.last_reason,
+        )
+        others = [line.decode(errors="replace") for line in text.split(b"\n") if _is_news(line)]
+        return [sentence for sentence in dict.fromkeys(reasons + others) if self._is_due(sentence, now_s)]
+
+    def _is_due(self, sentence: str, now_s: float) -> bool:
+        kind = _NUMBERS.sub("#", sentence)
+        if now_s - self._told.get(kind, -REPEAT_S) < REPEAT_S:
+            return False
+        if len(self._told) >= MAX_REASONS:
+            self._told.clear()
+        self._told[kind] = now_s
+        return True
+
+
+def _is_news(line: bytes) -> bool:
+    if not line or _REFUSED_MESSAGE in line or _HANDSHAKE.search(line):
+        return False
+    return not any(harmless in line for harmless in _HARMLESS)
+
+
+class ZenohLog:
+    """Leads the library's log through a pipe for as long as it is entered. At most once in a process, and early."""
+
+    def __init__(self) -> None:
+        self._reader = LogReader()
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        source, sink = os.pipe()
+        fcntl.fcntl(sink, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        os.set_blocking(sink, False)
+        sys.stdout.flush()
+        self._real_stdout = os.dup(1)
+        self._python_stdout = sys.stdout
+        sys.stdout = os.fdopen(os.dup(1), "w", buffering=1)  # ours still goes where it always went
+        os.dup2(sink, 1)
+        os.close(sink)
+        zenoh.init_log_from_env_or(_FILTER)
+        self._thread = threading.Thread(target=self._run, args=(source,), name="zenoh-log", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.dup2(self._real_stdout, 1)  # closes the pipe's last writing end: the thread reads to its end and stops
+        os.close(self._real_stdout)
+        sys.stdout.close()
+        sys.stdout = self._python_stdout
+        self._thread.join(1.0)
+
+    @property
+    def refusals(self) -> Refusals:
+        """Who was turned away so far."""
+        with self._lock:
+            return self._reader.refusals
+
+    def _run(self, source: int) -> None:
+        with os.fdopen(source, "rb", buffering=0) as pipe:
+            while chunk := pipe.read(1 << 16):
+                with self._lock:
+                    sentences = self._reader.read(chunk, time.monotonic())
+                for sentence in sentences:
+                    log.warning("zenoh: %s", sentence)
