@@ -17,12 +17,12 @@ from edge.clock import ClockMonitor, check_clock
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector import open_detector
 from edge.errors import SkyfixError
+from edge.gnss.diagnosis import State
+from edge.gnss.receiver import Receiver
 from edge.health import Check
 from edge.link import Link
 from edge.messages import HealthLevel, station_key
 from edge.pipeline import CameraFacts, Pipeline, total_bound_s
-from edge.receiver import Receiver
-from edge.receiver_health import State
 
 TRIED_FRAMES: Final = 10
 RECEIVER_S: Final = 5.0  # a receiver speaks once a second

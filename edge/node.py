@@ -15,10 +15,10 @@ from typing import Final
 from edge.camera import CameraWorker, lens_message
 from edge.clock import ClockMonitor, check_clock
 from edge.config import BoxConfig, CameraConfig
+from edge.gnss.receiver import Receiver
 from edge.health import Check, HealthBoard
 from edge.link import Link
 from edge.messages import Tracks, camera_key, encode
-from edge.receiver import Receiver
 from edge.spool import Spool, SpoolSettings
 
 log = logging.getLogger(__name__)

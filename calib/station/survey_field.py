@@ -20,9 +20,9 @@ from calib.station.survey_rover import occupy, wait_for_lost_fix
 from calib.station.survey_store import AntennaTable, OccupationTable, Survey, antenna_of, save_survey
 from edge.config import GnssConfig
 from edge.errors import ConfigError
+from edge.gnss.receiver import Receiver
 from edge.link import Link
 from edge.messages import Fix, camera_key, camera_of_key, decode
-from edge.receiver import Receiver
 from edge.settings import build
 
 Ask = Callable[[str], str]

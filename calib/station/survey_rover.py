@@ -11,10 +11,10 @@ from typing import Final
 
 from calib.errors import CalibrationError
 from calib.station.survey_store import AntennaTable, OccupationTable
-from edge.gnss import Reason
-from edge.receiver import Receiver
-from edge.receiver_health import State
-from edge.session import Surveyed, t_unix_ns
+from edge.gnss.diagnosis import State
+from edge.gnss.gates import Reason
+from edge.gnss.receiver import Receiver
+from edge.gnss.session import Surveyed, t_unix_ns
 
 NEWS_S: Final = 1.0  # the receiver publishes twice a second; without news the line is drawn again
 PATIENCE_S: Final = 600.0  # for a fix to come, or to be lost: longer and something is wrong

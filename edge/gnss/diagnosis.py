@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, Literal
 
-from edge.gnss import Reason
-from edge.session import StaticSession, Surveyed
+from edge.gnss.gates import Reason
+from edge.gnss.session import StaticSession, Surveyed
 
 SILENT_S: Final = 3.0  # every receiver speaks at least once a second
 STALE_S: Final = 10.0  # a mean that has got no epoch for so long is not the antenna's present position

@@ -12,7 +12,7 @@ from typing import Any, Final
 from pyubx2 import UBXReader
 from pyubx2.exceptions import UBXMessageError, UBXParseError, UBXTypeError
 
-from edge.nmea import MalformedError
+from edge.gnss.nmea import MalformedError
 
 _NAV_PVT: Final = b"\x01\x07"
 _NAV_HPPOSLLH: Final = b"\x01\x14"

@@ -9,8 +9,8 @@ import datetime as dt
 from dataclasses import dataclass, field
 from typing import Final
 
-from edge.nmea import Gga, Gsa, Gst, Record, Rmc, Zda
-from edge.ubx import HighPrecision, Pvt
+from edge.gnss.nmea import Gga, Gsa, Gst, Record, Rmc, Zda
+from edge.gnss.ubx import HighPrecision, Pvt
 
 SILENCE_S: Final = 0.2  # no receiver pauses this long inside an epoch at 9600 baud or more
 OPEN_EPOCHS: Final = 2  # one being filled, one whose last sentence may still come

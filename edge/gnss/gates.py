@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from edge.epoch import Epoch
-from edge.nmea import MS_PER_DAY, Gga
+from edge.gnss.epoch import Epoch
+from edge.gnss.nmea import MS_PER_DAY, Gga
 
 RTK_FIXED: Final = 4
 MAX_AGE_S: Final = 5.0  # corrections older than this have let the position drift by centimetres

@@ -11,11 +11,11 @@ from typing import Final
 
 import numpy as np
 
-from edge import nmea, ubx
-from edge.averaging import SERVICES, Service, StaticMean, average
-from edge.epoch import Epoch, EpochAssembler
-from edge.framing import Frame, Framer
-from edge.gnss import (
+from edge.gnss import nmea, ubx
+from edge.gnss.averaging import SERVICES, Service, StaticMean, average
+from edge.gnss.epoch import Epoch, EpochAssembler
+from edge.gnss.framing import Frame, Framer
+from edge.gnss.gates import (
     CONFIRMATIONS,
     Policy,
     Position,

@@ -15,14 +15,14 @@ from collections.abc import Callable
 from itertools import cycle
 from typing import Final
 
-from edge.averaging import SERVICES
 from edge.config import GnssConfig
 from edge.errors import ConfigError
-from edge.gnss import Policy, metres_per_degree
+from edge.gnss.averaging import SERVICES
+from edge.gnss.diagnosis import Level, ReceiverStatus, State, Watch, counters, diagnose
+from edge.gnss.gates import Policy, metres_per_degree
+from edge.gnss.port import Fault, Port, PortError, open_port
+from edge.gnss.session import StaticSession, Surveyed, t_unix_ns
 from edge.messages import Fix
-from edge.port import Fault, Port, PortError, open_port
-from edge.receiver_health import Level, ReceiverStatus, State, Watch, counters, diagnose
-from edge.session import StaticSession, Surveyed, t_unix_ns
 
 log = logging.getLogger(__name__)
 
