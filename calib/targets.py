@@ -107,6 +107,11 @@ class Tracker:
         return self._bank.network
 
     @property
+    def newest_s(self) -> float:
+        """Site time of the newest frame; -inf before the first."""
+        return self._newest_s
+
+    @property
     def next_track(self) -> int:
         """The number the next target will get: to be kept across a restart."""
         return self._next_track
@@ -268,6 +273,11 @@ class Tracker:
             if tracks is None or self._beliefs.track[k] in tracks
         ]
         return [self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen]
+
+    @property
+    def confirmed(self) -> int:
+        """How many targets are confirmed or coasting."""
+        return int(np.count_nonzero(self._beliefs.confirmed))
 
     @property
     def tentative(self) -> int:

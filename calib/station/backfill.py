@@ -76,8 +76,12 @@ class Backfill:
 
     def have(self, camera: str, tracks: Tracks) -> None:
         """Note a live message that was recorded."""
+        self.have_number(camera, tracks.epoch, tracks.seq)
+
+    def have_number(self, camera: str, epoch: int, seq: int) -> None:
+        """As `have`, for a message that is already decoded elsewhere."""
         with self._lock:
-            self._ledger.have(camera, tracks.epoch, tracks.seq, tracks.seq)
+            self._ledger.have(camera, epoch, seq, seq)
 
     @property
     def counters(self) -> BackfillCounters:

@@ -5,7 +5,6 @@ Generated from: ('skyfix.xml',)
 
 Note: this file has been auto-generated. DO NOT EDIT
 """
-
 import hashlib
 import json
 import logging
@@ -51,7 +50,6 @@ MAVLINK_TYPE_DOUBLE = 10
 # if fastcrc is not available
 try:
     import fastcrc
-
     mcrf4xx = fastcrc.crc16.mcrf4xx
 except Exception:
     mcrf4xx = None  # type: ignore
@@ -108,16 +106,7 @@ x25crc = _x25crc_fast if mcrf4xx is not None else _x25crc_slow
 class MAVLink_header(object):
     """MAVLink message header"""
 
-    def __init__(
-        self,
-        msgId: int,
-        incompat_flags: int = 0,
-        compat_flags: int = 0,
-        mlen: int = 0,
-        seq: int = 0,
-        srcSystem: int = 0,
-        srcComponent: int = 0,
-    ) -> None:
+    def __init__(self, msgId: int, incompat_flags: int = 0, compat_flags: int = 0, mlen: int = 0, seq: int = 0, srcSystem: int = 0, srcComponent: int = 0) -> None:
         self.mlen = mlen
         self.seq = seq
         self.srcSystem = srcSystem
@@ -363,11 +352,9 @@ class EnumEntry(object):
         self.label: Dict[int, str] = {}
         self.has_location = False
 
-
 class Enum(Dict[int, EnumEntry]):
     def __init__(self) -> None:
         self.bitmask = False
-
 
 enums: Dict[str, Enum] = {}
 
@@ -397,9 +384,7 @@ enums["TRACK_FLAGS"][2] = EnumEntry("TRACK_FLAGS_COV_VALID", """cov is valid."""
 TRACK_FLAGS_TIME_SYNCED = 4
 enums["TRACK_FLAGS"][4] = EnumEntry("TRACK_FLAGS_TIME_SYNCED", """time_usec is from a clock synchronised to UTC.""")
 TRACK_FLAGS_DEGRADED = 8
-enums["TRACK_FLAGS"][8] = EnumEntry(
-    "TRACK_FLAGS_DEGRADED", """Geometry or camera count below the configured minimum."""
-)
+enums["TRACK_FLAGS"][8] = EnumEntry("TRACK_FLAGS_DEGRADED", """Geometry or camera count below the configured minimum.""")
 TRACK_FLAGS_SIMULATED = 16
 enums["TRACK_FLAGS"][16] = EnumEntry("TRACK_FLAGS_SIMULATED", """Simulated or replayed data.""")
 TRACK_FLAGS_ENUM_END = 17
@@ -420,51 +405,9 @@ class MAVLink_target_track_ecef_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_TARGET_TRACK_ECEF
     msgname = "TARGET_TRACK_ECEF"
-    fieldnames = [
-        "time_usec",
-        "pos",
-        "vel",
-        "cov",
-        "gdop",
-        "track_id",
-        "meas_age",
-        "camera_mask",
-        "epoch",
-        "flags",
-        "state",
-        "camera_count",
-        "quality",
-    ]
-    ordered_fieldnames = [
-        "time_usec",
-        "pos",
-        "vel",
-        "cov",
-        "gdop",
-        "track_id",
-        "meas_age",
-        "camera_mask",
-        "epoch",
-        "flags",
-        "state",
-        "camera_count",
-        "quality",
-    ]
-    fieldtypes = [
-        "uint64_t",
-        "double",
-        "float",
-        "float",
-        "float",
-        "uint32_t",
-        "uint32_t",
-        "uint32_t",
-        "uint16_t",
-        "uint16_t",
-        "uint8_t",
-        "uint8_t",
-        "uint8_t",
-    ]
+    fieldnames = ["time_usec", "pos", "vel", "cov", "gdop", "track_id", "meas_age", "camera_mask", "epoch", "flags", "state", "camera_count", "quality"]
+    ordered_fieldnames = ["time_usec", "pos", "vel", "cov", "gdop", "track_id", "meas_age", "camera_mask", "epoch", "flags", "state", "camera_count", "quality"]
+    fieldtypes = ["uint64_t", "double", "float", "float", "float", "uint32_t", "uint32_t", "uint32_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {"camera_mask": "bitmask", "flags": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {"flags": "TRACK_FLAGS", "state": "TRACK_STATE"}
     fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "pos": "m", "vel": "m/s", "meas_age": "ms", "quality": "%"}
@@ -477,22 +420,7 @@ class MAVLink_target_track_ecef_message(MAVLink_message):
     instance_field = "track_id"
     instance_offset = 132
 
-    def __init__(
-        self,
-        time_usec: int,
-        pos: Sequence[float],
-        vel: Sequence[float],
-        cov: Sequence[float],
-        gdop: float,
-        track_id: int,
-        meas_age: int,
-        camera_mask: int,
-        epoch: int,
-        flags: int,
-        state: int,
-        camera_count: int,
-        quality: int,
-    ):
+    def __init__(self, time_usec: int, pos: Sequence[float], vel: Sequence[float], cov: Sequence[float], gdop: float, track_id: int, meas_age: int, camera_mask: int, epoch: int, flags: int, state: int, camera_count: int, quality: int):
         MAVLink_message.__init__(self, MAVLink_target_track_ecef_message.id, MAVLink_target_track_ecef_message.msgname)
         self._fieldnames = MAVLink_target_track_ecef_message.fieldnames
         self._instance_field = MAVLink_target_track_ecef_message.instance_field
@@ -512,50 +440,7 @@ class MAVLink_target_track_ecef_message(MAVLink_message):
         self.quality = quality
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(
-            mav,
-            self.crc_extra,
-            self.unpacker.pack(
-                self.time_usec,
-                self.pos[0],
-                self.pos[1],
-                self.pos[2],
-                self.vel[0],
-                self.vel[1],
-                self.vel[2],
-                self.cov[0],
-                self.cov[1],
-                self.cov[2],
-                self.cov[3],
-                self.cov[4],
-                self.cov[5],
-                self.cov[6],
-                self.cov[7],
-                self.cov[8],
-                self.cov[9],
-                self.cov[10],
-                self.cov[11],
-                self.cov[12],
-                self.cov[13],
-                self.cov[14],
-                self.cov[15],
-                self.cov[16],
-                self.cov[17],
-                self.cov[18],
-                self.cov[19],
-                self.cov[20],
-                self.gdop,
-                self.track_id,
-                self.meas_age,
-                self.camera_mask,
-                self.epoch,
-                self.flags,
-                self.state,
-                self.camera_count,
-                self.quality,
-            ),
-            force_mavlink1=force_mavlink1,
-        )
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.pos[0], self.pos[1], self.pos[2], self.vel[0], self.vel[1], self.vel[2], self.cov[0], self.cov[1], self.cov[2], self.cov[3], self.cov[4], self.cov[5], self.cov[6], self.cov[7], self.cov[8], self.cov[9], self.cov[10], self.cov[11], self.cov[12], self.cov[13], self.cov[14], self.cov[15], self.cov[16], self.cov[17], self.cov[18], self.cov[19], self.cov[20], self.gdop, self.track_id, self.meas_age, self.camera_mask, self.epoch, self.flags, self.state, self.camera_count, self.quality), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -570,48 +455,10 @@ class MAVLink_tracker_status_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_TRACKER_STATUS
     msgname = "TRACKER_STATUS"
-    fieldnames = [
-        "time_usec",
-        "uptime_ms",
-        "cameras_configured",
-        "cameras_online",
-        "cameras_synced",
-        "cameras_calibrated",
-        "latency_ms",
-        "epoch",
-        "tracks_confirmed",
-        "tracks_tentative",
-    ]
-    ordered_fieldnames = [
-        "time_usec",
-        "uptime_ms",
-        "cameras_configured",
-        "cameras_online",
-        "cameras_synced",
-        "cameras_calibrated",
-        "latency_ms",
-        "epoch",
-        "tracks_confirmed",
-        "tracks_tentative",
-    ]
-    fieldtypes = [
-        "uint64_t",
-        "uint32_t",
-        "uint32_t",
-        "uint32_t",
-        "uint32_t",
-        "uint32_t",
-        "uint16_t",
-        "uint16_t",
-        "uint8_t",
-        "uint8_t",
-    ]
-    fielddisplays_by_name: Dict[str, str] = {
-        "cameras_configured": "bitmask",
-        "cameras_online": "bitmask",
-        "cameras_synced": "bitmask",
-        "cameras_calibrated": "bitmask",
-    }
+    fieldnames = ["time_usec", "uptime_ms", "cameras_configured", "cameras_online", "cameras_synced", "cameras_calibrated", "latency_ms", "epoch", "tracks_confirmed", "tracks_tentative"]
+    ordered_fieldnames = ["time_usec", "uptime_ms", "cameras_configured", "cameras_online", "cameras_synced", "cameras_calibrated", "latency_ms", "epoch", "tracks_confirmed", "tracks_tentative"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {"cameras_configured": "bitmask", "cameras_online": "bitmask", "cameras_synced": "bitmask", "cameras_calibrated": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {}
     fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "uptime_ms": "ms", "latency_ms": "ms"}
     native_format = bytearray(b"<QIIIIIHHBB")
@@ -623,19 +470,7 @@ class MAVLink_tracker_status_message(MAVLink_message):
     instance_field = None
     instance_offset = -1
 
-    def __init__(
-        self,
-        time_usec: int,
-        uptime_ms: int,
-        cameras_configured: int,
-        cameras_online: int,
-        cameras_synced: int,
-        cameras_calibrated: int,
-        latency_ms: int,
-        epoch: int,
-        tracks_confirmed: int,
-        tracks_tentative: int,
-    ):
+    def __init__(self, time_usec: int, uptime_ms: int, cameras_configured: int, cameras_online: int, cameras_synced: int, cameras_calibrated: int, latency_ms: int, epoch: int, tracks_confirmed: int, tracks_tentative: int):
         MAVLink_message.__init__(self, MAVLink_tracker_status_message.id, MAVLink_tracker_status_message.msgname)
         self._fieldnames = MAVLink_tracker_status_message.fieldnames
         self._instance_field = MAVLink_tracker_status_message.instance_field
@@ -652,23 +487,7 @@ class MAVLink_tracker_status_message(MAVLink_message):
         self.tracks_tentative = tracks_tentative
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(
-            mav,
-            self.crc_extra,
-            self.unpacker.pack(
-                self.time_usec,
-                self.uptime_ms,
-                self.cameras_configured,
-                self.cameras_online,
-                self.cameras_synced,
-                self.cameras_calibrated,
-                self.latency_ms,
-                self.epoch,
-                self.tracks_confirmed,
-                self.tracks_tentative,
-            ),
-            force_mavlink1=force_mavlink1,
-        )
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.uptime_ms, self.cameras_configured, self.cameras_online, self.cameras_synced, self.cameras_calibrated, self.latency_ms, self.epoch, self.tracks_confirmed, self.tracks_tentative), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -747,7 +566,6 @@ class MAVLinkSigning(object):
 MAVLinkV1Header = Tuple[bytes, int, int, int, int, int]
 MAVLinkV2Header = Tuple[bytes, int, int, int, int, int, int, int, int]
 
-
 class MAVLink(object):
     """MAVLink protocol handling class"""
 
@@ -801,11 +619,7 @@ class MAVLink(object):
         self.seq = (self.seq + 1) % 256
         self.total_packets_sent += 1
         self.total_bytes_sent += len(buf)
-        if (
-            self.send_callback is not None
-            and self.send_callback_args is not None
-            and self.send_callback_kwargs is not None
-        ):
+        if self.send_callback is not None and self.send_callback_args is not None and self.send_callback_kwargs is not None:
             self.send_callback(mavmsg, *self.send_callback_args, **self.send_callback_kwargs)
 
     def buf_len(self) -> int:
@@ -851,20 +665,12 @@ class MAVLink(object):
             header_len = HEADER_LEN_V2
 
         m: Optional[MAVLink_message] = None
-        if (
-            self.buf_len() >= 1
-            and self.buf[self.buf_index] != PROTOCOL_MARKER_V1
-            and self.buf[self.buf_index] != PROTOCOL_MARKER_V2
-        ):
+        if self.buf_len() >= 1 and self.buf[self.buf_index] != PROTOCOL_MARKER_V1 and self.buf[self.buf_index] != PROTOCOL_MARKER_V2:
             magic = self.buf[self.buf_index]
             self.buf_index += 1
             if self.robust_parsing:
                 invalid_prefix_start = self.buf_index - 1
-                while (
-                    self.buf_len() >= 1
-                    and self.buf[self.buf_index] != PROTOCOL_MARKER_V1
-                    and self.buf[self.buf_index] != PROTOCOL_MARKER_V2
-                ):
+                while self.buf_len() >= 1 and self.buf[self.buf_index] != PROTOCOL_MARKER_V1 and self.buf[self.buf_index] != PROTOCOL_MARKER_V2:
                     self.buf_index += 1
                 m = MAVLink_bad_data(self.buf[invalid_prefix_start : self.buf_index], "Bad prefix")
                 self.expected_length = header_len + 2
@@ -890,18 +696,14 @@ class MAVLink(object):
             if self.robust_parsing:
                 try:
                     if magic == PROTOCOL_MARKER_V2 and (incompat_flags & ~MAVLINK_IFLAG_SIGNED) != 0:
-                        raise MAVError(
-                            "invalid incompat_flags 0x%x 0x%x %u" % (incompat_flags, magic, self.expected_length)
-                        )
+                        raise MAVError("invalid incompat_flags 0x%x 0x%x %u" % (incompat_flags, magic, self.expected_length))
                     m = self.decode(mbuf)
                 except MAVError as reason:
                     m = MAVLink_bad_data(mbuf, reason.message)
                     self.total_receive_errors += 1
             else:
                 if magic == PROTOCOL_MARKER_V2 and (incompat_flags & ~MAVLINK_IFLAG_SIGNED) != 0:
-                    raise MAVError(
-                        "invalid incompat_flags 0x%x 0x%x %u" % (incompat_flags, magic, self.expected_length)
-                    )
+                    raise MAVError("invalid incompat_flags 0x%x 0x%x %u" % (incompat_flags, magic, self.expected_length))
                 m = self.decode(mbuf)
             return m
         return None
@@ -939,11 +741,7 @@ class MAVLink(object):
             # a new stream has appeared. Accept the timestamp if it is at most
             # one minute behind our current timestamp
             if timestamp + 6000 * 1000 < self.signing.timestamp:
-                logger.info(
-                    "bad new stream %s %s",
-                    timestamp / (100.0 * 1000 * 60 * 60 * 24 * 365),
-                    self.signing.timestamp / (100.0 * 1000 * 60 * 60 * 24 * 365),
-                )
+                logger.info("bad new stream %s %s", timestamp / (100.0 * 1000 * 60 * 60 * 24 * 365), self.signing.timestamp / (100.0 * 1000 * 60 * 60 * 24 * 365))
                 return False
             logger.info("new stream")
 
@@ -993,10 +791,7 @@ class MAVLink(object):
         if ord(magic) != PROTOCOL_MARKER_V1 and ord(magic) != PROTOCOL_MARKER_V2:
             raise MAVError("invalid MAVLink prefix '{}'".format(hex(ord(magic))))
         if mlen != len(msgbuf) - (headerlen + 2 + signature_len):
-            raise MAVError(
-                "invalid MAVLink message length. Got %u expected %u, msgId=%u headerlen=%u"
-                % (len(msgbuf) - (headerlen + 2 + signature_len), mlen, msgId, headerlen)
-            )
+            raise MAVError("invalid MAVLink message length. Got %u expected %u, msgId=%u headerlen=%u" % (len(msgbuf) - (headerlen + 2 + signature_len), mlen, msgId, headerlen))
 
         if mapkey not in mavlink_map:
             return MAVLink_unknown(msgId, msgbuf)
@@ -1099,22 +894,7 @@ class MAVLink(object):
         m._header = MAVLink_header(msgId, incompat_flags, compat_flags, mlen, seq, srcSystem, srcComponent)
         return m
 
-    def target_track_ecef_encode(
-        self,
-        time_usec: int,
-        pos: Sequence[float],
-        vel: Sequence[float],
-        cov: Sequence[float],
-        gdop: float,
-        track_id: int,
-        meas_age: int,
-        camera_mask: int,
-        epoch: int,
-        flags: int,
-        state: int,
-        camera_count: int,
-        quality: int,
-    ) -> MAVLink_target_track_ecef_message:
+    def target_track_ecef_encode(self, time_usec: int, pos: Sequence[float], vel: Sequence[float], cov: Sequence[float], gdop: float, track_id: int, meas_age: int, camera_mask: int, epoch: int, flags: int, state: int, camera_count: int, quality: int) -> MAVLink_target_track_ecef_message:
         """
         State of an external, non-cooperative object in the WGS 84 Earth-
         centred, Earth-fixed frame. Broadcast.
@@ -1134,27 +914,9 @@ class MAVLink(object):
         quality                   : Confidence that this is a real object. [%] (type:uint8_t)
 
         """
-        return MAVLink_target_track_ecef_message(
-            time_usec, pos, vel, cov, gdop, track_id, meas_age, camera_mask, epoch, flags, state, camera_count, quality
-        )
+        return MAVLink_target_track_ecef_message(time_usec, pos, vel, cov, gdop, track_id, meas_age, camera_mask, epoch, flags, state, camera_count, quality)
 
-    def target_track_ecef_send(
-        self,
-        time_usec: int,
-        pos: Sequence[float],
-        vel: Sequence[float],
-        cov: Sequence[float],
-        gdop: float,
-        track_id: int,
-        meas_age: int,
-        camera_mask: int,
-        epoch: int,
-        flags: int,
-        state: int,
-        camera_count: int,
-        quality: int,
-        force_mavlink1: bool = False,
-    ) -> None:
+    def target_track_ecef_send(self, time_usec: int, pos: Sequence[float], vel: Sequence[float], cov: Sequence[float], gdop: float, track_id: int, meas_age: int, camera_mask: int, epoch: int, flags: int, state: int, camera_count: int, quality: int, force_mavlink1: bool = False) -> None:
         """
         State of an external, non-cooperative object in the WGS 84 Earth-
         centred, Earth-fixed frame. Broadcast.
@@ -1174,38 +936,9 @@ class MAVLink(object):
         quality                   : Confidence that this is a real object. [%] (type:uint8_t)
 
         """
-        self.send(
-            self.target_track_ecef_encode(
-                time_usec,
-                pos,
-                vel,
-                cov,
-                gdop,
-                track_id,
-                meas_age,
-                camera_mask,
-                epoch,
-                flags,
-                state,
-                camera_count,
-                quality,
-            ),
-            force_mavlink1=force_mavlink1,
-        )
+        self.send(self.target_track_ecef_encode(time_usec, pos, vel, cov, gdop, track_id, meas_age, camera_mask, epoch, flags, state, camera_count, quality), force_mavlink1=force_mavlink1)
 
-    def tracker_status_encode(
-        self,
-        time_usec: int,
-        uptime_ms: int,
-        cameras_configured: int,
-        cameras_online: int,
-        cameras_synced: int,
-        cameras_calibrated: int,
-        latency_ms: int,
-        epoch: int,
-        tracks_confirmed: int,
-        tracks_tentative: int,
-    ) -> MAVLink_tracker_status_message:
+    def tracker_status_encode(self, time_usec: int, uptime_ms: int, cameras_configured: int, cameras_online: int, cameras_synced: int, cameras_calibrated: int, latency_ms: int, epoch: int, tracks_confirmed: int, tracks_tentative: int) -> MAVLink_tracker_status_message:
         """
         Health of the tracking station, 1 Hz.
 
@@ -1221,33 +954,9 @@ class MAVLink(object):
         tracks_tentative          : Tentative tracks. (type:uint8_t)
 
         """
-        return MAVLink_tracker_status_message(
-            time_usec,
-            uptime_ms,
-            cameras_configured,
-            cameras_online,
-            cameras_synced,
-            cameras_calibrated,
-            latency_ms,
-            epoch,
-            tracks_confirmed,
-            tracks_tentative,
-        )
+        return MAVLink_tracker_status_message(time_usec, uptime_ms, cameras_configured, cameras_online, cameras_synced, cameras_calibrated, latency_ms, epoch, tracks_confirmed, tracks_tentative)
 
-    def tracker_status_send(
-        self,
-        time_usec: int,
-        uptime_ms: int,
-        cameras_configured: int,
-        cameras_online: int,
-        cameras_synced: int,
-        cameras_calibrated: int,
-        latency_ms: int,
-        epoch: int,
-        tracks_confirmed: int,
-        tracks_tentative: int,
-        force_mavlink1: bool = False,
-    ) -> None:
+    def tracker_status_send(self, time_usec: int, uptime_ms: int, cameras_configured: int, cameras_online: int, cameras_synced: int, cameras_calibrated: int, latency_ms: int, epoch: int, tracks_confirmed: int, tracks_tentative: int, force_mavlink1: bool = False) -> None:
         """
         Health of the tracking station, 1 Hz.
 
@@ -1263,18 +972,4 @@ class MAVLink(object):
         tracks_tentative          : Tentative tracks. (type:uint8_t)
 
         """
-        self.send(
-            self.tracker_status_encode(
-                time_usec,
-                uptime_ms,
-                cameras_configured,
-                cameras_online,
-                cameras_synced,
-                cameras_calibrated,
-                latency_ms,
-                epoch,
-                tracks_confirmed,
-                tracks_tentative,
-            ),
-            force_mavlink1=force_mavlink1,
-        )
+        self.send(self.tracker_status_encode(time_usec, uptime_ms, cameras_configured, cameras_online, cameras_synced, cameras_calibrated, latency_ms, epoch, tracks_confirmed, tracks_tentative), force_mavlink1=force_mavlink1)

@@ -32,6 +32,7 @@ class Outgoing:
     velocity_ecef_m_s: Array
     velocity_enu: Array
     covariance: Array
+    position_covariance_enu: Array
     cameras: tuple[str, ...]
     camera_mask: int
     age_s: float
@@ -98,6 +99,7 @@ class Border:
             velocity_ecef_m_s=R @ e.velocity_enu,
             velocity_enu=e.velocity_enu,
             covariance=turned,
+            position_covariance_enu=P[:3, :3],
             cameras=e.cameras,
             camera_mask=sum(self._bit.get(camera, 0) for camera in e.cameras),
             age_s=e.age_s,

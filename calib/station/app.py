@@ -1,0 +1,87 @@
+"""The command `base-station`: run, check, survey, solve.
+
+Exit codes: 0 done; 1 it could not be done, the reason and the next action on stderr; 2 wrong usage or configuration.
+"""
+
+import argparse
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from calib.station import check, solving, survey_cli
+from calib.station.config import load
+from calib.station.station import run
+from edge import __version__
+from edge.errors import ConfigError, SkyfixError
+
+DEFAULT_CONFIG: Final = Path("/etc/skyfix/base.toml")
+LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(message)s"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    parsed = _parser().parse_args(arguments)
+    logging.basicConfig(level=logging.DEBUG if parsed.verbose else logging.INFO, format=LOG_FORMAT, stream=sys.stderr)
+    try:
+        return COMMANDS[parsed.command](parsed)
+    except ConfigError as error:
+        print(f"base-station: {error}", file=sys.stderr)
+        return 2
+    except SkyfixError as error:
+        print(f"base-station: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 1
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    return run(load(arguments.config), _folder(arguments))
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    return check.run(load(arguments.config), _folder(arguments))
+
+
+def _folder(arguments: argparse.Namespace) -> Path:
+    """What relative paths in the configuration are relative to: the file's own folder."""
+    config: Path = arguments.config
+    return config.resolve().parent
+
+
+COMMANDS: Final[dict[str, Callable[[argparse.Namespace], int]]] = {
+    "run": _run,
+    "check": _check,
+    "survey": survey_cli.run,
+    "solve": solving.run,
+}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="base-station",
+        description="The field computer: calibrates the cameras from what they see, and says where objects are.",
+        epilog="Exit codes: 0 done, 1 it could not be done (see stderr), 2 wrong usage or configuration.",
+    )
+    parser.add_argument("--version", action="version", version=f"skyfix {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _with_config(commands.add_parser("run", help="calibrate, track and send until told to stop"))
+    _with_config(commands.add_parser("check", help="show the configuration and whether all it needs is there"))
+    survey = commands.add_parser("survey", help="measure or enter where the cameras stand")
+    _with_config(survey)
+    survey_cli.add_arguments(survey)
+    solve = commands.add_parser("solve", help="calibrate from a track folder or a recording")
+    solve.add_argument("--config", type=Path, help="configuration with surveyed positions, for a recording")
+    solve.add_argument("-v", "--verbose", action="store_true", help="log more")
+    solving.add_arguments(solve)
+    return parser
+
+
+def _with_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--config", type=Path, default=DEFAULT_CONFIG, help=f"default: {DEFAULT_CONFIG}")
+    parser.add_argument("-v", "--verbose", action="store_true", help="log more")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

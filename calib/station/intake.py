@@ -1,0 +1,218 @@
+"""What comes from the boxes, judged before anything is computed from it.
+
+The hazard is the message that is well formed and wrong: a clock years ahead, a lens file of another resolution, two
+boxes with one name, stamps that run backwards, a row that was interpolated and not seen. Each is refused, counted
+under a name of its own, and shown with what to do; nothing that comes here stops anything else.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from calib.station.stream_clock import AHEAD_S, NS, StreamClock
+from calib.targets import Frame
+from edge.errors import LensError, MessageError
+from edge.health import Check
+from edge.lens import LensModel
+from edge.messages import Fix, Health, Lens, Tracks, decode
+
+OUTSIDE: Final = 0.05  # of the image's size: a box may reach over the edge by so much, a pixel farther is absurd
+FAULT_SHOWN_NS: Final = 10 * NS  # arrival time a fault is shown after it was last seen
+TWINS_NS: Final = 20 * NS  # arrival time within which two boxes taking turns are noticed
+FLOOD: Final = 60  # detections a frame, on average: more is a detector gone wild, not a sky full of objects
+
+
+@dataclass
+class CameraIntake:
+    """What is known of one camera from its own messages. Times are of the arrival clock unless they say unix."""
+
+    id: str
+    lens: LensModel | None = None
+    fix: Fix | None = None
+    health: Health | None = None
+    present: bool = False
+    size_px: tuple[int, int] | None = None
+    readout_s: float = 0.0
+    clock_bound_s: float | None = None
+    last_ns: int | None = None
+    last_stamp: int = 0
+    epoch: int | None = None
+    old_epoch: int | None = None
+    epoch_ns: int = 0
+    next_seq: int = 0
+    clock_sets: int = 0  # how often its time went back by more than a jitter
+    detections: float = 0.0  # a frame, smoothed
+    counters: Counter[str] = field(default_factory=Counter)
+    faults: dict[str, tuple[str, str, int]] = field(default_factory=dict)  # name: reason, action, when
+
+    def fault(self, name: str, reason: str, action: str, now_ns: int) -> None:
+        """Note what is wrong with this camera's messages."""
+        self.counters[name] += 1
+        self.faults[name] = (reason, action, now_ns)
+
+    def online(self, now_ns: int, stale_s: float) -> bool:
+        """Whether frames come."""
+        return self.last_ns is not None and now_ns - self.last_ns < stale_s * NS
+
+    @property
+    def flooded(self) -> bool:
+        """Whether its detector reports more than any sky holds."""
+        return self.detections > FLOOD
+
+
+class Intake:
+    """All cameras of a site, and the strangers that claim to be."""
+
+    def __init__(self, cameras: list[str], where: str = "base.toml") -> None:
+        self.cameras = {camera: CameraIntake(camera) for camera in cameras}
+        self.clock = StreamClock()
+        self.strangers: Counter[str] = Counter()
+        self._where = where
+
+    def known(self, camera: str) -> CameraIntake | None:
+        """The camera of that name; a stranger is counted."""
+        found = self.cameras.get(camera)
+        if found is None and (camera in self.strangers or len(self.strangers) < 64):
+            self.strangers[camera] += 1
+        return found
+
+    def frame(self, camera: CameraIntake, payload: bytes, now_ns: int) -> Frame | None:
+        """A frame's measurements, or None if it is not to be believed."""
+        try:
+            tracks = decode(payload, Tracks, where=camera.id)
+        except MessageError as error:
+            camera.fault("undecodable", error.what, error.action, now_ns)
+            return None
+        if not self._in_order(camera, tracks, now_ns) or not self._timely(camera, tracks.t_unix_ns, now_ns):
+            return None
+        camera.last_ns, camera.last_stamp = now_ns, tracks.t_unix_ns
+        camera.size_px, camera.readout_s, camera.clock_bound_s = tracks.size_px, tracks.readout_s, tracks.clock_bound_s
+        camera.detections += (len(tracks.detections) - camera.detections) / 30
+        if camera.lens is not None and camera.lens.size_px != tracks.size_px:
+            fault = f"frames are {_size(tracks.size_px)}, the lens file is for {_size(camera.lens.size_px)}"
+            camera.fault("lens_size", fault, "give the box the lens file of this resolution", now_ns)
+            return None
+        return self._measurements(camera, tracks, now_ns)
+
+    def _in_order(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> bool:
+        if tracks.epoch != camera.epoch:
+            if tracks.epoch == camera.old_epoch and now_ns - camera.epoch_ns < TWINS_NS:
+                camera.fault("twins", "two boxes send under this name", "give each box its own camera id", now_ns)
+                return False
+            camera.old_epoch, camera.epoch, camera.epoch_ns = camera.epoch, tracks.epoch, now_ns
+            camera.clock_sets += tracks.t_unix_ns <= camera.last_stamp
+            camera.next_seq, camera.last_stamp = tracks.seq, 0
+            camera.counters["starts"] += 1
+        if tracks.seq < camera.next_seq:
+            camera.counters["repeated"] += 1
+            return False
+        camera.counters["missed"] += tracks.seq - camera.next_seq
+        camera.next_seq = tracks.seq + 1
+        if tracks.t_unix_ns <= camera.last_stamp:
+            back_s = (camera.last_stamp - tracks.t_unix_ns) / NS
+            camera.fault("backwards", f"its time went back {back_s:.3f} s", "look at the box's clock (chrony)", now_ns)
+            if back_s < AHEAD_S:
+                return False
+            camera.clock_sets += 1  # the clock was set: go on from there, the calibration will say by how much
+        return True
+
+    def _timely(self, camera: CameraIntake, t_unix_ns: int, now_ns: int) -> bool:
+        ahead_s = self.clock.hear(camera.id, t_unix_ns, now_ns)
+        online = sum(other.online(now_ns, 5.0) for other in self.cameras.values() if other is not camera)
+        if ahead_s > AHEAD_S and online >= 2:
+            self.clock.forget(camera.id)
+            camera.last_ns = now_ns
+            fault = f"its times are {ahead_s:.1f} s in the future of the other cameras'"
+            camera.fault("future", fault, "set the box's clock (chrony); its frames are left out", now_ns)
+            return False
+        return True
+
+    def _measurements(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> Frame:
+        seen = [d for d in tracks.detections if d.status == "confirmed"]
+        camera.counters["interpolated"] += len(tracks.detections) - len(seen)
+        pixels = np.array([(d.u_px, d.v_px) for d in seen], float).reshape(-1, 2)
+        label = np.array([d.track for d in seen], np.int64)
+        sigma_px = np.array([np.nan if d.sigma_px is None else d.sigma_px for d in seen], float)
+        margin = np.array(tracks.size_px) * OUTSIDE
+        sane = np.all((pixels >= -margin) & (pixels <= tracks.size_px + margin), axis=1)
+        if not sane.all():
+            u, v = pixels[~sane][0]
+            fault = f"pixel ({u:.0f}, {v:.0f}) lies outside its {_size(tracks.size_px)} image"
+            camera.fault(
+                "absurd_pixel", fault, "check the box's detector and resolution; such rows are dropped", now_ns
+            )
+            pixels, label, sigma_px = pixels[sane], label[sane], sigma_px[sane]
+        return Frame(camera.id, tracks.t_unix_ns, pixels, label, sigma_px)
+
+    def lens(self, camera: CameraIntake, payload: bytes, now_ns: int) -> bool:
+        """Take a lens; whether it is another than before."""
+        try:
+            message = decode(payload, Lens, where=camera.id)
+            lens = LensModel(
+                message.model,
+                message.intrinsics,
+                tuple(message.distortion),
+                message.size_px,
+                message.rms_px,
+                message.focal_sigma_px,
+            )
+        except (MessageError, LensError) as error:
+            camera.fault("lens", error.what, "check the box's lens file", now_ns)
+            return False
+        changed = camera.lens != lens
+        camera.lens = lens
+        return changed
+
+    def fix(self, camera: CameraIntake, payload: bytes, now_ns: int) -> None:
+        """Take an antenna position. Only a fixed RTK solution (4) says where a tripod is."""
+        try:
+            fix = decode(payload, Fix, where=camera.id)
+        except MessageError as error:
+            camera.fault("undecodable", error.what, error.action, now_ns)
+            return
+        if fix.quality != 4:
+            fault = f"its receiver has quality {fix.quality}, not 4 (RTK fixed)"
+            camera.fault("fix_quality", fault, "wait for corrections, look at the antenna's sky", now_ns)
+            return
+        camera.fix = fix
+
+    def told(self, camera: CameraIntake, payload: bytes, now_ns: int) -> None:
+        """Take a box's own health."""
+        try:
+            camera.health = decode(payload, Health, where=camera.id)
+        except MessageError as error:
+            camera.fault("undecodable", error.what, error.action, now_ns)
+
+    def checks(self, now_ns: int, stale_s: float) -> list[Check]:
+        """How each camera's messages are, as of now."""
+        checks = [self._check(camera, now_ns, stale_s) for camera in self.cameras.values()]
+        for stranger, count in self.strangers.items():
+            reason = f"{count} messages from a camera that is not configured"
+            action = f'add [[camera]] id = "{stranger}" to {self._where}, or correct the box\'s camera id'
+            checks.append(Check(f"camera {stranger}", "warn", reason, action))
+        return checks
+
+    def _check(self, camera: CameraIntake, now_ns: int, stale_s: float) -> Check:
+        name = f"camera {camera.id}"
+        if camera.last_ns is None:
+            there = "is there but sends no frames" if camera.present else "was never heard of"
+            return Check(name, "fail", there, "start its box, check its link and site name")
+        if not camera.online(now_ns, stale_s):
+            silent_s = (now_ns - camera.last_ns) / NS
+            return Check(name, "fail", f"last frame {silent_s:.0f} s ago", "look at its box, camera and link")
+        recent = [(r, a) for r, a, when in camera.faults.values() if now_ns - when < FAULT_SHOWN_NS]
+        if recent:
+            return Check(name, "warn", *recent[-1])
+        if camera.lens is None:
+            return Check(name, "warn", "its lens is not known", "give the box a lens file (edge-node lens)")
+        if camera.flooded:
+            return Check(
+                name, "warn", f"{camera.detections:.0f} detections a frame", "look at its picture and detector"
+            )
+        return Check(name, "ok", "sends frames")
+
+
+def _size(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]}"

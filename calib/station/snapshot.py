@@ -1,0 +1,102 @@
+"""The station's status, put together from its parts once a second."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.geodesy import Origin, enu_to_geodetic
+from calib.station.calibration import Phase
+from calib.station.intake import CameraIntake
+from calib.station.outgoing import Outgoing
+from calib.station.status import CameraStatus, PairStatus, StationStatus, TargetStatus
+from calib.station.stream_clock import NS
+from edge import __version__
+
+if TYPE_CHECKING:
+    from calib.station.runner import Runner
+
+
+def snapshot(runner: Runner, now_ns: int) -> StationStatus:
+    """How everything is at now_ns."""
+    station = runner.station
+    network, report = station.calibration.network, station.calibration.report
+    now_unix_ns = station.now_unix_ns(now_ns)
+    assert station.health is not None
+    latencies = list(runner.latencies_ms)
+    standing = station.standing
+    return StationStatus(
+        site=runner.config.site.name,
+        version=__version__,
+        epoch=runner.epoch,
+        t_unix_ns=now_unix_ns,
+        uptime_s=(now_ns - runner.began_ns) / NS,
+        phase=standing.phase.value,
+        reason=standing.reason,
+        action=standing.action,
+        origin=station.positions.origin if network is None else network.origin,
+        network=None if network is None else network.fingerprint,
+        rms_px=None if network is None else network.rms_px,
+        sigma_m=None if report is None or standing.phase is Phase.COLLECTING else report.sigma_m,
+        solving=runner.worker.busy,
+        cameras=[_camera(runner, box, now_ns) for box in station.intake.cameras.values()],
+        pairs=[
+            PairStatus(
+                one=pair.one,
+                other=pair.other,
+                shared_s=pair.shared_s,
+                residual_mrad=station.guard.residual_mrad.get((pair.one, pair.other)),
+            )
+            for pair in station.calibration.pairs(station.window)
+        ],
+        targets=[_target(t, network.origin) for t in station.current(now_unix_ns)] if network is not None else [],
+        tentative=0 if station.tracker is None else station.tracker.tentative,
+        latency_ms=(float(np.median(latencies)), float(np.percentile(latencies, 99))) if latencies else None,
+        endpoints=runner.broadcast.status,
+        recording=None if runner.recorder is None or runner.recorder.path is None else str(runner.recorder.path),
+        health=station.health,
+        counters=dict(sorted(station.health.counters.items())) | runner.counters,
+    )
+
+
+def _camera(runner: Runner, box: CameraIntake, now_ns: int) -> CameraStatus:
+    station = runner.station
+    network = station.calibration.network
+    calibrated = None if network is None else network.camera(box.id)
+    item = next(item for item in station.health.items if item.name == f"camera {box.id}") if station.health else None
+    return CameraStatus(
+        id=box.id,
+        online=box.online(now_ns, runner.config.tracking.stale_s),
+        present=box.present,
+        last_frame_s=None if box.last_ns is None else (now_ns - box.last_ns) / NS,
+        detections_per_frame=box.detections,
+        clock_bound_s=box.clock_bound_s,
+        clock_offset_s=None if calibrated is None else calibrated.clock_offset_s,
+        surveyed=station.positions.of(box.id, box) is not None,
+        calibrated=box.id in station.calibration.trusted,
+        suspect=station.calibration.suspects.get(box.id, ""),
+        missed=box.counters["missed"],
+        reason="" if item is None else item.reason,
+        counters=dict(box.counters),
+    )
+
+
+def _target(target: Outgoing, origin: Origin) -> TargetStatus:
+    latitude, longitude, height = enu_to_geodetic(target.position_enu[None], origin)[0].tolist()
+    return TargetStatus(
+        track=target.track,
+        state=target.state.value,
+        enu_m=_triple(target.position_enu),
+        velocity_enu_m_s=_triple(target.velocity_enu),
+        covariance_enu_m2=tuple(target.position_covariance_enu[np.triu_indices(3)].tolist()),
+        geodetic=(latitude, longitude, height),
+        cameras=list(target.cameras),
+        age_s=target.age_s,
+        sigma_m=target.sigma_m,
+    )
+
+
+def _triple(vector: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z

@@ -1,0 +1,54 @@
+"""`base-station run`: the loop. What a turn does is in runner.py, what is decided in core.py.
+
+Stops within three seconds of SIGTERM or Ctrl-C, in order: nothing more is heard, the recording gets its end, the
+solver's process and the Zenoh session are closed. A second signal ends it at once.
+"""
+
+import logging
+import os
+import signal
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import FrameType
+from typing import Final
+
+from calib.station import notify
+from calib.station.config import BaseConfig
+from calib.station.runner import Runner
+from calib.station.worker import Solver, solve_live
+
+log = logging.getLogger(__name__)
+
+HURRIED_EXIT: Final = 130  # as a shell reports an interrupted program
+
+
+def run(config: BaseConfig, folder: Path, solver: Solver = solve_live, stop: threading.Event | None = None) -> int:
+    """Run until told to stop. folder: what relative paths are relative to. Raises ConfigError, LinkError."""
+    stopping = stop or threading.Event()
+    if stop is None:
+        _on_signals(stopping.set)
+    with ExitStack() as stack:
+        runner = Runner(config, folder, stack, solver)
+        log.info("site %s, start %d, listening on %s", config.site.name, runner.epoch, config.link.listen)
+        notify.ready()
+        while not stopping.is_set():
+            runner.turn()
+            notify.alive()  # the watchdog is fed by the loop that does the work, or not at all
+        notify.stopping()
+    log.info("stopped")
+    return 0
+
+
+def _on_signals(stop: Callable[[], None]) -> None:
+    asked = threading.Event()
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if asked.is_set():
+            os._exit(HURRIED_EXIT)
+        asked.set()
+        stop()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, handle)

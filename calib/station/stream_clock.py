@@ -1,0 +1,45 @@
+"""What time it is in the data: the stations' "now", live and in a replay of years ago alike.
+
+The hazard is the wall clock. A recording played again carries its own old stamps, perhaps ten times too fast, so the
+station never asks how old a stamp is by its own clock. Each frame says by how much its camera's stamps lead or trail
+the arrival clock; the median over the cameras heard lately is the stream's offset, and "now" is the arrival clock plus
+that offset. One camera whose clock is years off cannot move the median of three; it is found by it instead. When all
+cameras fall silent, "now" goes on with the arrival clock, so that targets age and are lost.
+"""
+
+from statistics import median_low
+from typing import Final
+
+HEARD_LATELY_NS: Final = 5_000_000_000  # arrival time; a camera silent for longer has no say
+AHEAD_S: Final = 2.0  # more than any latency: such a stamp is from a clock that is wrong
+NS: Final = 10**9
+
+
+class StreamClock:
+    """The offset of the data's time against the arrival clock."""
+
+    def __init__(self) -> None:
+        self._offsets: dict[str, tuple[int, int]] = {}  # camera: stamp minus arrival, when heard
+
+    def hear(self, camera: str, t_unix_ns: int, now_ns: int) -> float:
+        """Take a frame's stamp; returns by how many seconds this camera is ahead of the others (negative: behind)."""
+        offset = t_unix_ns - now_ns
+        self._offsets[camera] = (offset, now_ns)
+        others = self._lately(now_ns, but=camera)
+        return (offset - median_low(others)) / NS if others else 0.0
+
+    def forget(self, camera: str) -> None:
+        """A camera's stamps are not to be believed."""
+        self._offsets.pop(camera, None)
+
+    def now_unix_ns(self, now_ns: int) -> int | None:
+        """The instant of the data at an instant of the arrival clock; None before any frame came."""
+        offsets = self._lately(now_ns) or [offset for offset, _ in self._offsets.values()]
+        return now_ns + median_low(offsets) if offsets else None
+
+    def _lately(self, now_ns: int, but: str = "") -> list[int]:
+        return [
+            offset
+            for camera, (offset, heard_ns) in self._offsets.items()
+            if camera != but and now_ns - heard_ns < HEARD_LATELY_NS
+        ]

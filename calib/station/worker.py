@@ -1,0 +1,187 @@
+"""The solver in a process of its own, so that tracking never waits for it.
+
+The hazard is the shared interpreter: a solve of seconds in a thread would hold up every position for as long. The
+process is spawned (Zenoh must not be forked), talks through pipes, solves one scene at a time, and may be killed at any
+moment: it holds nothing that is not asked for again. What goes wrong in it comes back as words, never as silence.
+"""
+
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+
+from calib.errors import CalibrationError, SkyfixError
+from calib.network import Network
+from calib.observations import Scene
+from calib.solution import Report
+from calib.solve import solve
+
+log = logging.getLogger(__name__)
+
+STOP_S: Final = 1.0  # s it may take to stop before it is killed
+NICENESS: Final = 10  # of the solving process: on a small computer tracking comes first
+TOO_LONG_S: Final = 300.0  # s: a solve that takes longer is stuck
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What the live station needs of a solution. sigma_m: median one sigma of the flight's positions."""
+
+    network: Network
+    report: Report
+    sigma_m: float
+
+
+Solver = Callable[[Scene, Network | None], Solved]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A scene to solve, from a network if there is one to begin with."""
+
+    number: int
+    scene: Scene
+    start: Network | None = None
+
+
+@dataclass(frozen=True)
+class Done:
+    """A job's result, or why there is none; and the seconds it took."""
+
+    number: int
+    solved: Solved | None
+    error: SkyfixError | None
+    seconds: float
+
+
+def solve_live(scene: Scene, start: Network | None) -> Solved:
+    """The calibration's own solver; the trajectory stays in its process, where it is large and in nobody's way."""
+    solution = solve(scene, start=start)
+    spread = np.linalg.eigvalsh(solution.trajectory.covariance_enu)[:, -1]
+    return Solved(solution.network, solution.report, float(np.sqrt(np.median(spread))))
+
+
+def _serve(pipe: Connection, solver: Solver) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the station's to answer
+    os.nice(NICENESS)
+    while True:
+        try:
+            job: Job = pipe.recv()
+        except EOFError:
+            return
+        began = time.monotonic()
+        solved, error = None, None
+        try:
+            solved = solver(job.scene, job.start)
+        except SkyfixError as fault:
+            error = fault
+        except (ArithmeticError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, ImportError) as bug:
+            error = _bug(bug)
+        pipe.send(Done(job.number, solved, error, time.monotonic() - began))
+
+
+def _bug(bug: Exception) -> SkyfixError:
+    return CalibrationError(
+        f"the solver failed on this window ({bug!r})",
+        where="solver",
+        action="keep the recording and report it; the station tries again with more data",
+    )
+
+
+def _send(pipe: Connection, job: Job) -> None:
+    try:
+        pipe.send(job)
+    except OSError as error:  # the process died: poll says so
+        log.debug("job not sent: %s", error)
+
+
+class Worker:
+    """One solving process, started when first needed and again when it has died."""
+
+    def __init__(self, solver: Solver = solve_live) -> None:
+        self._solver = solver
+        self._context = multiprocessing.get_context("spawn")
+        self._process: Any = None
+        self._pipe: Connection | None = None
+        self._job: Job | None = None
+        self._since = 0.0
+
+    def __enter__(self) -> Self:
+        self._start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is being worked on."""
+        return self._job is not None
+
+    def submit(self, job: Job) -> bool:
+        """Give it a job; False if it has one already."""
+        if self.busy:
+            return False
+        if self._process is None or not self._process.is_alive():
+            self._start()
+        assert self._pipe is not None
+        self._job, self._since = job, time.monotonic()
+        # A thread, because a process that is only starting does not read yet, and a window does not fit the pipe.
+        self._sender = threading.Thread(target=_send, args=(self._pipe, job), name="solver-send", daemon=True)
+        self._sender.start()
+        return True
+
+    def poll(self) -> Done | None:
+        """The finished job, if it finished since the last call; a process that died has failed its job."""
+        if self._job is None or self._pipe is None:
+            return None
+        try:
+            if self._pipe.poll():
+                done: Done = self._pipe.recv()
+                self._job = None
+                return done
+        except (EOFError, OSError):
+            return self._failed("the solver's process died")
+        if not self._process.is_alive():
+            return self._failed("the solver's process died")
+        if time.monotonic() - self._since > TOO_LONG_S:
+            self.close()
+            return self._failed(f"the solver took longer than {TOO_LONG_S:.0f} s")
+        return None
+
+    def close(self) -> None:
+        """Stop the process; killed if it does not within a second."""
+        if self._pipe is not None:
+            self._pipe.close()
+            self._pipe = None
+        if self._process is not None:
+            self._process.terminate()
+            self._process.join(STOP_S)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join(STOP_S)
+            self._process = None
+
+    def _failed(self, what: str) -> Done:
+        assert self._job is not None
+        number, self._job = self._job.number, None
+        error = CalibrationError(what, where="solver", action="look at the computer's memory; it is started again")
+        return Done(number, None, error, time.monotonic() - self._since)
+
+    def _start(self) -> None:
+        self.close()
+        self._pipe, theirs = self._context.Pipe()
+        self._process = self._context.Process(target=_serve, args=(theirs, self._solver), daemon=True, name="solver")
+        self._process.start()
+        theirs.close()
