@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from edge.camera import CameraWorker, lens_message
+from edge.capture import is_live
 from edge.clock import ClockMonitor, check_clock
 from edge.config import BoxConfig, CameraConfig
 from edge.gnss.receiver import Receiver
@@ -20,6 +21,7 @@ from edge.health import Check, HealthBoard
 from edge.link import Link
 from edge.messages import Tracks, camera_key, encode
 from edge.spool import Spool, SpoolSettings
+from edge.systemd_notify import Notifier
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +43,7 @@ class Node:
         self._link = Link(config.link, name=f"box {config.site}")
         self._boards = {camera.id: HealthBoard(self._epoch) for camera in config.camera}
         self._spools: dict[str, Spool] = {}
+        self._notifier = Notifier()
         self._resources = contextlib.ExitStack()
         self.workers = [self._worker(camera, config_file) for camera in config.camera]
 
@@ -86,11 +89,20 @@ class Node:
 
     def run(self) -> bool:
         """Say how things are once a second until told to stop or nothing is left to do; whether all went well."""
+        self._notifier.ready()
         while not self._stop.is_set() and not all(worker.finished for worker in self.workers):
             self._report()
+            self._notifier.feed(self._progress(), time.monotonic())
             self._stop.wait(HEALTH_S)
+        self._notifier.stopping()
         self._report()
         return not any(worker.failed for worker in self.workers)
+
+    def _progress(self) -> dict[str, float]:
+        """What must keep moving in each camera: what it saw, or else its attempts to see again."""
+        running = [worker for worker in self.workers if is_live(worker.camera) and not worker.finished]
+        counters = {worker.camera.id: worker.counters() for worker in running}
+        return {name: counts["messages"] + counts["source_reopened"] for name, counts in counters.items()}
 
     def _report(self) -> None:
         now_unix_ns = time.time_ns()
@@ -110,6 +122,8 @@ class Node:
         if self._receiver:
             status = self._receiver.status()
             checks.append(Check("gnss", status.level, status.reason, status.action))
+        if self._link.warning:
+            checks.append(Check("security", "warn", self._link.warning, "give [link.tls]: see deploy/certs/README.md"))
         if self._link.error:
             checks.append(Check("link", "fail", self._link.error, "check link.connect and that the base station runs"))
         return checks

@@ -1,0 +1,85 @@
+"""A site's router, from the same wheel as everything else: `python deploy/router --config router.toml`.
+
+From about ten boxes, or with more than one listener, boxes and station all dial a router, so that none of them dials
+another and each may restart alone; a headquarters' router is dialled by those of the sites. What it is, is
+configuration alone: where it listens, whom it dials, and the list of who may say what. See deploy/SCALING.md.
+"""
+
+import argparse
+import logging
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from edge.errors import ConfigError, SkyfixError
+from edge.link import Link
+from edge.link_profile import LinkSettings
+from edge.messages import Health, site_key
+from edge.settings import load
+from edge.systemd_notify import Notifier
+from edge.zenoh_log import ZenohLog
+
+log = logging.getLogger("skyfix.router")
+
+TURN_S: Final = 1.0
+
+
+class RouterConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of router.toml: the site's name, and the link's `connect`, `listen` and `tls`."""
+
+    site: str
+    link: LinkSettings
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; 0 stopped in order, 1 it could not be done, 2 wrong usage or configuration."""
+    parser = argparse.ArgumentParser(prog="deploy/router", description="A site's Zenoh router.")
+    parser.add_argument("--config", type=Path, required=True, help="router.toml")
+    file = parser.parse_args(arguments).config
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    try:
+        run(load(file, RouterConfig))
+    except SkyfixError as error:
+        print(error, file=sys.stderr)
+        return 2 if isinstance(error, ConfigError) else 1
+    return 0
+
+
+def run(config: RouterConfig) -> None:
+    """Route until SIGTERM or SIGINT."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    notifier = Notifier()
+    link = Link(msgspec.structs.replace(config.link, mode="router"), name=f"router {config.site}")
+    with ZenohLog() as zenoh_log, link:
+        # Its own message, come round through the session, is the proof that the session turns.
+        key = site_key(config.site, "router/health")
+        echo = link.subscribe(key)
+        notifier.ready()
+        turns = 0
+        while not stop.wait(TURN_S):
+            turns += 1
+            link.publish(key, _health(zenoh_log.refusals.handshakes + zenoh_log.refusals.messages))
+            echo.drain()
+            notifier.feed({"session": echo.received}, time.monotonic(), link.error or "routing")
+        notifier.stopping()
+
+
+def _health(refusals: int) -> Health:
+    return Health(
+        t_unix_ns=max(time.time_ns(), 10**18),
+        epoch=0,
+        level="ok",
+        items=[],
+        counters={"refused": float(refusals)},
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
