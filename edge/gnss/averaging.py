@@ -111,16 +111,17 @@ def average(
     keep = agreeing & _within_mads(enu_m, agreeing)
     keep = keep if keep.any() else agreeing
     mean = enu_m[keep].mean(axis=0)
-    duration_s = _duration_s(t_s[keep], segment[keep])
+    observed_s = _duration_s(t_s[agreeing], segment[agreeing])
+    duration_s = observed_s * float(keep.sum() / agreeing.sum())
     scatter = _scatter(enu_m[keep], duration_s, service)
     resolution = np.array([step_m[0], step_m[0], step_m[1]]) / math.sqrt(12)
     floor = np.array(service.floor_m)
     fixed = np.sqrt(np.array(POLE_SIGMA_M) ** 2 + resolution**2 + (PPM * baseline_m) ** 2)
     sigma = np.maximum(np.sqrt(scatter**2 + floor**2 + fixed**2), LEAST_SIGMA_M)
     fault = fault or _drift(t_s[agreeing], enu_m[agreeing], service)
-    young = not fault and (keep.sum() < MIN_SAMPLES or duration_s < MIN_DURATION_S)
+    young = not fault and (keep.sum() < MIN_SAMPLES or observed_s < MIN_DURATION_S)
     if young:
-        fault = f"only {int(keep.sum())} epochs in {duration_s:.1f} s so far"
+        fault = f"only {int(keep.sum())} epochs in {observed_s:.1f} s so far"
     return StaticMean(
         mean_m=mean,
         sigma_m=sigma,

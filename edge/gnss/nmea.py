@@ -2,8 +2,9 @@
 
 The hazard is the tolerant parser. Off the shelf a blank position becomes 0, 0, a blank geoid separation 0 m (38 m wrong
 in Tsukuba), `inf` an altitude, and latitude 91 a latitude. So a strict grammar comes first: plain numbers, minutes
-below 60, hemisphere letters, exactly the fields the sentence has. Only what passes is decoded, by pynmeagps, and what
-decides about a survey but is lost in a float (how many decimals were sent, that a field was blank) is kept beside it.
+below 60, hemisphere letters, exactly the fields the sentence has. Only what passes is decoded: numbers by pynmeagps,
+times and dates here, because parsers lose a leap second and turn an impossible date into none. What decides about a
+survey but is lost in a float (how many decimals were sent, that a field was blank) is kept beside it.
 """
 
 import datetime as dt
@@ -35,9 +36,11 @@ _GRAMMAR: Final[dict[str, re.Pattern[str]]] = {
     ),
     "RMC": re.compile(
         rf"{_TALKER}RMC,{_TIME},(?P<status>[AV]),(?:{_LAT},{_LON}|,,,),(?:{_NUMBER})?,(?:{_NUMBER})?,"
-        rf"(?P<date>[0-3]\d[01]\d\d\d)?,(?:{_NUMBER})?,[EW]?(?:,(?P<mode>[A-Z])?(?:,[A-Z]?)?)?"
+        rf"(?:(?P<day>[0-3]\d)(?P<month>[01]\d)(?P<year>\d\d))?,(?:{_NUMBER})?,[EW]?(?:,(?P<mode>[A-Z])?(?:,[A-Z]?)?)?"
     ),
-    "ZDA": re.compile(rf"{_TALKER}ZDA,{_TIME},(?P<date>[0-3]\d,[01]\d,[12]\d\d\d),(?:-?\d\d)?,(?:\d\d)?"),
+    "ZDA": re.compile(
+        rf"{_TALKER}ZDA,{_TIME},(?P<day>[0-3]\d),(?P<month>[01]\d),(?P<year>[12]\d\d\d),(?:-?\d{{1,2}})?,(?:\d\d?)?"
+    ),
     "GSA": re.compile(
         rf"{_TALKER}GSA,[MA]?,[123]?,(?:\d{{0,3}},){{12}}(?P<pdop>(?:{_NUMBER})?),(?:{_NUMBER})?,(?:{_NUMBER})?(?:,\d?)?"
     ),
@@ -117,7 +120,7 @@ def decode(body: bytes) -> Record | None:
     if fields is None:
         raise MalformedError(name)
     try:
-        return _DECODERS[name](fields, _parse(body))
+        return _DECODERS[name](fields, body)
     except (NMEAParseError, NMEAMessageError, NMEATypeError, ValueError, TypeError) as error:
         raise MalformedError(name) from error
 
@@ -138,7 +141,12 @@ def _t_day_ms(fields: re.Match[str]) -> int:
     return whole * 1000 + int(float("0." + (fields["fraction"] or "0")) * 1000 + 0.5)
 
 
-def _gga(fields: re.Match[str], message: Any) -> Gga:
+def _date(fields: re.Match[str], *, century: int) -> dt.date:
+    return dt.date(century + int(fields["year"]), int(fields["month"]), int(fields["day"]))
+
+
+def _gga(fields: re.Match[str], body: bytes) -> Gga:
+    message = _parse(body)
     has_position = fields["lat_deg"] is not None
     if has_position and (abs(message.lat) > 90 or abs(message.lon) > 180):
         raise MalformedError("GGA")
@@ -157,24 +165,25 @@ def _gga(fields: re.Match[str], message: Any) -> Gga:
     )
 
 
-def _gst(fields: re.Match[str], message: Any) -> Gst:
+def _gst(fields: re.Match[str], body: bytes) -> Gst:
+    message = _parse(body)
     return Gst(_t_day_ms(fields), (message.stdLong, message.stdLat, message.stdAlt))
 
 
-def _rmc(fields: re.Match[str], message: Any) -> Rmc:
-    date = message.date if fields["date"] else None
+def _rmc(fields: re.Match[str], _body: bytes) -> Rmc:
+    date = _date(fields, century=2000) if fields["day"] else None
     return Rmc(_t_day_ms(fields), fields["status"] == "A", date, fields["mode"] or "")
 
 
-def _zda(fields: re.Match[str], message: Any) -> Zda:
-    return Zda(_t_day_ms(fields), dt.date(message.year, message.month, message.day))
+def _zda(fields: re.Match[str], _body: bytes) -> Zda:
+    return Zda(_t_day_ms(fields), _date(fields, century=0))
 
 
-def _gsa(fields: re.Match[str], message: Any) -> Gsa:
-    return Gsa(message.PDOP if fields["pdop"] else None)
+def _gsa(fields: re.Match[str], body: bytes) -> Gsa:
+    return Gsa(_parse(body).PDOP if fields["pdop"] else None)
 
 
-_DECODERS: Final[dict[str, Callable[[re.Match[str], Any], Record]]] = {
+_DECODERS: Final[dict[str, Callable[[re.Match[str], bytes], Record]]] = {
     "GGA": _gga,
     "GST": _gst,
     "RMC": _rmc,
