@@ -19,7 +19,7 @@ from calib.normal import Factor, Normal, Step, factorise
 from calib.priors import CameraPrior, moved
 from calib.projection import CAMERA_SIZE, ROTATION, CameraData, Projected, project
 from calib.spline import ORDER, THIRD_DIFFERENCE
-from calib.weights import Weights, renewed, steady
+from calib.weights import Fitted, Weights, renewed, steady
 from edge.lens import Array
 
 ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
@@ -58,7 +58,7 @@ def adjust(problem: Problem, estimate: Estimate, weights: Weights, rounds: int =
         at = _descend(_Point.of(problem, estimate, weights))
         estimate, normal = at.estimate, at.normal()
         factor = _factorise(normal)
-        new = renewed(weights, estimate, normal, data=problem.data, projected=at.projected, kept=at.robust_weights())
+        new = renewed(weights, estimate, at.fitted(), normal, factor)
         if steady(weights, new) or count == rounds:
             break
         weights = new
@@ -89,18 +89,26 @@ class _Point:
     def lengths(self, index: int) -> Array:
         """(N,) residuals of one camera in sigmas: what the robust loss judges, correlated or not."""
         image, seen = self.projected[index], self.problem.data[index]
-        sigma = self.weights.noise[index].sigma_px * seen.sigma_px
+        sigma = self.weights.sigma_px[index] * seen.sigma_px
         return np.where(image.valid, np.linalg.norm(image.residual, axis=1) / sigma, WORST_SIGMAS)
 
-    def robust_weights(self) -> tuple[Array, ...]:
-        """Per camera (N,) the share of its weight that each observation keeps."""
-        return tuple(robust_weight(self.lengths(i)) * image.valid for i, image in enumerate(self.projected))
+    def fitted(self) -> tuple[Fitted, ...]:
+        """Per camera its data, its residuals and the robust share of each row's weight; fixed unknowns left out."""
+        parts = enumerate(zip(self.problem.data, self.projected, self.problem.priors, strict=True))
+        return tuple(
+            Fitted(
+                seen,
+                replace(image, by_camera=image.by_camera * np.where(prior.fixed, 0.0, 1.0)),
+                robust_weight(self.lengths(index)) * image.valid,
+            )
+            for index, (seen, image, prior) in parts
+        )
 
     def cost(self) -> float:
         """What the steps reduce: robust residuals, priors, and jerk."""
         total = sum(
-            float(robust_cost(self.lengths(index)).sum()) / noise.correlated
-            for index, noise in enumerate(self.weights.noise)
+            float(robust_cost(self.lengths(index)).sum()) / float(correlated)
+            for index, correlated in enumerate(self.weights.correlated)
         )
         for camera, prior in zip(self.estimate.cameras, self.problem.priors, strict=True):
             away, (up, _) = prior.deviation(camera), prior.up_residual(camera)
@@ -111,15 +119,15 @@ class _Point:
     def normal(self) -> Normal:
         """The normal equations of a step from here."""
         normal = Normal.zero(len(self.estimate.control), CAMERA_SIZE * len(self.projected))
-        for index, (image, keep) in enumerate(zip(self.projected, self.robust_weights(), strict=True)):
+        for index, part in enumerate(self.fitted()):
             at = slice(CAMERA_SIZE * index, CAMERA_SIZE * (index + 1))
-            prior = self.problem.priors[index]
-            sigma = self.weights.noise[index].weighing_sigma_px * self.problem.data[index].sigma_px
-            whiten = (np.sqrt(keep) / sigma)[:, None, None]
-            by_camera = image.by_camera * whiten * np.where(prior.fixed, 0.0, 1.0)
-            residual = image.residual * whiten[:, 0]
-            normal.add_observations(image.located, image.by_point * whiten, by_camera, residual, at)
-            _add_prior(normal, at, prior, self.estimate.cameras[index])
+            sigma = self.weights.weighing_sigma_px[index] * part.data.sigma_px
+            whiten = (np.sqrt(part.kept) / sigma)[:, None, None]
+            image = part.image
+            normal.add_observations(
+                image.located, image.by_point * whiten, image.by_camera * whiten, image.residual * whiten[:, 0], at
+            )
+            _add_prior(normal, at, self.problem.priors[index], self.estimate.cameras[index])
         _add_smoothness(normal, self.estimate, self.weights.jerk_weight)
         return normal
 

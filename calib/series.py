@@ -16,6 +16,7 @@ from calib.observations import Observations
 from edge.lens import Array, LensModel, pixel_to_ray
 
 LONGEST_BRIDGE_S: Final = 0.25  # a track is read between two of its rows no further apart: a UAV turns in longer
+SLOW_CAMERA: Final = 2.5  # times its own interval a camera of few frames a second may miss
 SHORTEST_TRACK: Final = 10  # rows: fewer say nothing of a path
 MOST_TRACKS: Final = 40  # the longest are kept: every pair of two cameras' tracks is tried
 
@@ -30,6 +31,11 @@ class Track:
     row: NDArray[np.int64]
 
     @property
+    def longest_bridge_s(self) -> float:
+        """How far apart two rows may be to read the track between them: a slow camera's rows always are."""
+        return max(LONGEST_BRIDGE_S, SLOW_CAMERA * float(np.median(np.diff(self.t_s))))
+
+    @property
     def duration_s(self) -> float:
         """From first to last row."""
         return float(self.t_s[-1] - self.t_s[0])
@@ -41,7 +47,7 @@ class Track:
         gap = self.t_s[after] - self.t_s[before]
         share = (t_s - self.t_s[before]) / gap
         rays = self.rays[before] + share[:, None] * (self.rays[after] - self.rays[before])
-        enclosed = (gap <= LONGEST_BRIDGE_S) & (share >= 0) & (share <= 1)
+        enclosed = (gap <= self.longest_bridge_s) & (share >= 0) & (share <= 1)
         return np.where(enclosed[:, None], rays, np.nan)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.bundle import Adjusted, Problem
+from calib.evidence import Evidence
 from calib.network import POSE_SIZE, Network
 from calib.normal import local_covariance
 from calib.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT, CameraData, site_time_s
@@ -69,8 +70,8 @@ class CameraReport:
 class Report:
     """How good a calibration is. findings: sentences, what was found wrong first. left_out: camera and why.
 
-    shared_rows: rows of one camera within SUPPORT of another's, by pair. weakest_sigma_m: the least certain direction
-    of any camera's centre, and weakest_direction_enu (3,) which.
+    weakest_sigma_m: the least certain direction of any camera's centre, and weakest_direction_enu (3,) which.
+    evidence: residuals by place, held-out residuals, shared rows, the survey's test.
     """
 
     cameras: tuple[CameraReport, ...]
@@ -84,6 +85,7 @@ class Report:
     weakest_camera: str
     weakest_sigma_m: float
     weakest_direction_enu: tuple[float, float, float]
+    evidence: Evidence | None
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def rms_px(adjusted: Adjusted, problem: Problem) -> float:
 
 
 def _inside(adjusted: Adjusted, problem: Problem, index: int) -> NDArray[np.bool_]:
-    image, sigma = adjusted.projected[index], adjusted.weights.noise[index].sigma_px * problem.data[index].sigma_px
+    image, sigma = adjusted.projected[index], adjusted.weights.sigma_px[index] * problem.data[index].sigma_px
     inside: NDArray[np.bool_] = image.valid & (np.linalg.norm(image.residual, axis=1) < INSIDE_SIGMAS * sigma)
     return inside
 
@@ -132,15 +134,15 @@ def camera_reports(
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0)).reshape(-1, CAMERA_SIZE)
     reports = []
     for index, camera in enumerate(adjusted.estimate.cameras):
-        noise, seen, own = adjusted.weights.noise[index], problem.data[index], sigma[index]
+        seen, own = problem.data[index], sigma[index]
         misfit = camera.centre_enu - surveyed[camera.id] if camera.id in surveyed else None
         reports.append(
             CameraReport(
                 id=camera.id,
                 rows=len(seen.t_s),
                 inlier_share=float(np.mean(_inside(adjusted, problem, index))),
-                sigma_px=noise.sigma_px,
-                correlated_s=noise.correlated * float(np.median(np.diff(seen.t_s))),
+                sigma_px=float(adjusted.weights.sigma_px[index]),
+                correlated_s=adjusted.weights.correlation_s,
                 clock_offset_s=camera.clock_offset_s,
                 sigma_offset_s=float(own[OFFSET]),
                 clock_rate=camera.clock_rate,

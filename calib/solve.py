@@ -14,16 +14,26 @@ from calib.bootstrap import Georeference, first_estimate, georeference, to_enu
 from calib.bundle import Adjusted, Problem, adjust
 from calib.clocks import FAR_S, NEAR_S, align_all
 from calib.errors import CalibrationError
+from calib.evidence import gather
 from calib.flight import Estimate
 from calib.identity import Key, identify
 from calib.network import Camera, Network
-from calib.noise import PixelNoise
 from calib.observations import Scene, SiteCamera
 from calib.priors import camera_priors
+from calib.projection import CameraData
 from calib.rejoin import rejoin
 from calib.scaffold import Pose, Scaffold, build, threshold_ray
 from calib.series import Track, split_tracks
-from calib.solution import Report, Solution, camera_reports, network_of, rms_px, trajectory_of, weakest
+from calib.solution import (
+    Report,
+    Solution,
+    camera_covariance,
+    camera_reports,
+    network_of,
+    rms_px,
+    trajectory_of,
+    weakest,
+)
 from calib.weights import Weights
 
 COARSE_KNOTS_S: Final = 0.5  # a UAV's acceleration changes in half a second; finer knots come where the pixels ask
@@ -35,10 +45,12 @@ FEWEST_ROWS: Final = 30  # of a camera: below it there is nothing to align
 @dataclass(frozen=True)
 class SolveOptions:
     """How to solve. local: no survey, a frame of its own with the scaffold's baseline as unit. clock_search_s: how far
-    clocks may be off; a camera that aligns nowhere within it is searched for within two minutes.
+    clocks may be off; a camera that aligns nowhere within it is searched for within two minutes. evidence: gather what
+    the report shows besides, which costs about as much as solving.
     """
 
     local: bool = False
+    evidence: bool = False
     clock_search_s: float = NEAR_S
     knots_s: float = COARSE_KNOTS_S
 
@@ -134,14 +146,15 @@ class _Work:
                 spacing_s=self.options.knots_s,
             )
             problem = Problem(data, camera_priors(cameras, self.sites, frame.disbelieved))
-            adjusted = adjust(problem, estimate, self._first_weights(estimate))
+            adjusted = adjust(problem, estimate, self._first_weights(estimate, data))
             return adjusted, problem
 
-    def _first_weights(self, estimate: Estimate) -> Weights:
+    def _first_weights(self, estimate: Estimate, data: tuple[CameraData, ...]) -> Weights:
         hops = np.linalg.norm(np.diff(estimate.control, axis=0), axis=1)
         speed = float(np.median(hops)) / estimate.flight.spacing_s
-        noise = tuple(PixelNoise(FIRST_SIGMA_RAY * c.lens.intrinsics[0], 1.0) for c in estimate.cameras)
-        return Weights(noise, max(speed, 1e-3) ** 2)
+        sigma = np.array([FIRST_SIGMA_RAY * camera.lens.intrinsics[0] for camera in estimate.cameras])
+        interval = np.array([np.median(np.diff(seen.t_s)) for seen in data])
+        return Weights(sigma, interval, 0.0, max(speed, 1e-3) ** 2)
 
     def answer(self, adjusted: Adjusted, problem: Problem, frame: Georeference) -> Solution:
         """Network, trajectory and report."""
@@ -170,4 +183,5 @@ class _Work:
             weakest_camera=name,
             weakest_sigma_m=sigma,
             weakest_direction_enu=direction,
+            evidence=gather(adjusted, problem, camera_covariance(adjusted, problem)) if self.options.evidence else None,
         )

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     source: Path = arguments.input
     scene = trackfolder.load(source) if source.is_dir() else recorded.load(source)
     scene = restricted(scene, arguments.cameras, arguments.from_s, arguments.to_s)
-    solution = solve(scene, SolveOptions(local=arguments.local))
+    solution = solve(scene, SolveOptions(local=arguments.local, evidence=True))
     write(solution, arguments.output)
     print(summary(solution, arguments.output))
     return 0
