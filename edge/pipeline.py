@@ -5,7 +5,7 @@ was set back gives stamps that overtake themselves; a pixel that the lens cannot
 is refused with a word about it, the others are left out and counted.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import groupby
@@ -97,8 +97,9 @@ class Pipeline:
 
     def _messages(self, frame: Frame, rows: list[Row]) -> list[Tracks]:
         self._bound_s = total_bound_s(frame, self._clock_bound_s())
-        by_time = groupby(sorted(rows, key=lambda row: row.t_unix_ns), key=lambda row: row.t_unix_ns)
-        messages = [self._tracks(t, self._detections(same)) for t, same in by_time]
+        seen = sorted(self._with_rays(rows), key=lambda pair: pair[0].t_unix_ns)
+        by_time = groupby(seen, key=lambda pair: pair[0].t_unix_ns)
+        messages = [self._tracks(t, [self._detection(*pair) for pair in same]) for t, same in by_time]
         if messages:
             self._last_said_unix_ns = frame.t_unix_ns
         elif not 0 <= frame.t_unix_ns - self._last_said_unix_ns < SILENCE_NS:
@@ -118,13 +119,15 @@ class Pipeline:
             detections=detections,
         )
 
-    def _detections(self, rows: Iterable[Row]) -> list[Detection]:
-        rows = list(rows)
+    def _with_rays(self, rows: list[Row]) -> list[tuple[Row, Array]]:
+        """Rows with their rays; those that the lens has no ray for are left out and counted."""
+        if not rows:
+            return []
         rays = pixel_to_ray(self._facts.lens, np.array([(row.u_px, row.v_px) for row in rows]))
         usable = np.all(np.isfinite(rays) & (np.abs(rays) < RAY_LIMIT), axis=1)
         self._counts["rows_without_ray"] += int((~usable).sum())
         self._counts["rows_published"] += int(usable.sum())
-        return [self._detection(row, ray) for row, ray, good in zip(rows, rays, usable.tolist(), strict=True) if good]
+        return [(row, ray) for row, ray, good in zip(rows, rays, usable.tolist(), strict=True) if good]
 
     def _detection(self, row: Row, ray: Array) -> Detection:
         names = self._detector.class_names

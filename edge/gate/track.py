@@ -5,15 +5,19 @@ multiplications, cheap enough for plain numbers. What is published is the measur
 the base has a better filter, and smoothing here would correlate its measurements.
 """
 
+import itertools
 import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Final
 
+import numpy as np
+
 from edge.gate.rows import Row
 
 ACCELERATION_PX_S2: Final = 250.0  # one sigma: a drone's 5 m/s2 seen at 30 m with 1500 px focal length
 SIGMA_UNKNOWN_PX: Final = 1.0  # a detector that does not say: a quarter of a small box
+FEWEST_FOR_PARABOLA: Final = 8  # measurements: fewer leave too little to judge the fit by
 HISTORY_S: Final = 3.0  # s of positions kept: how long a slow one may take to show that it moves
 
 
@@ -34,7 +38,6 @@ class Track:
     cov: float = 0.0
     var_speed: float = field(init=False)
     confirmed: bool = False
-    has_moved: bool = False
     best_score: float = 0.0
     born_unix_ns: int = field(init=False)
     places: deque[Row] = field(default_factory=deque)
@@ -92,6 +95,28 @@ class Track:
         """How far it is now from where it was at the earliest measurement not before since_unix_ns."""
         first = next(row for row in self.places if row.t_unix_ns >= since_unix_ns or row is self.places[-1])
         return math.hypot(self.last.u_px - first.u_px, self.last.v_px - first.v_px)
+
+    def roughness_px(self, since_unix_ns: int) -> float:
+        """How far its way since since_unix_ns is from a smooth one: rms about a parabola in time (a line, if short)."""
+        way = [row for row in self.places if row.t_unix_ns >= since_unix_ns]
+        degree = 2 if len(way) >= FEWEST_FOR_PARABOLA else 1
+        if len(way) <= degree + 1:
+            return math.inf
+        t_s = np.array([(row.t_unix_ns - self.t_unix_ns) / 1e9 for row in way])
+        powers = t_s[:, None] ** np.arange(degree + 1)
+        places = np.array([(row.u_px, row.v_px) for row in way])
+        fitted = powers @ np.linalg.lstsq(powers, places, rcond=None)[0]
+        return float(np.sqrt(np.sum((places - fitted) ** 2) / (2 * (len(way) - degree - 1))))
+
+    def largest_step_px(self, since_unix_ns: int) -> float:
+        """The longest way between two measurements in a row since since_unix_ns."""
+        way = [row for row in self.places if row.t_unix_ns >= since_unix_ns]
+        return max((math.hypot(b.u_px - a.u_px, b.v_px - a.v_px) for a, b in itertools.pairwise(way)), default=0.0)
+
+    def sigma_px(self, since_unix_ns: int) -> float:
+        """What its detector says of its centres since since_unix_ns, on the average."""
+        said = [row.sigma_px or SIGMA_UNKNOWN_PX for row in self.places if row.t_unix_ns >= since_unix_ns]
+        return sum(said) / len(said)
 
     def class_scores(self) -> tuple[float, ...]:
         """The vote of all its measurements, normalised where they say anything."""

@@ -24,7 +24,13 @@ SLACK_PX: Final = 2.0  # a box detector's centre wanders by this much without sa
 WINDOW_SLACK: Final = 1.6  # times confirm_hits frames: 5 hits in 8 frames
 TENTATIVE_GAP_S: Final = 0.3  # an unbelieved track not seen for so long is dropped
 UNMOVED_S: Final = 3.0  # an unbelieved track that has gone nowhere for so long is clutter
+# A false track hops among swaying leaves; what flies goes smoothly, as far as its detector can say.
+MOVED_SIGMAS: Final = 6.0  # of the detector's own sigma: net movement that is no jitter
+STEP_SHARE: Final = 0.4  # of the net movement: the most that one step may be, of the four there are at least
+ROUGH_SIGMAS: Final = 1.5  # of the detector's own sigma
+ROUGH_SHARE: Final = 0.08  # of the net movement
 CLUTTER_FACTOR: Final = 4.0  # in a wholly cluttered place a track must move so many times further, and once more
+CLUTTERED: Final = 0.5  # level of a place in which a believed track may not rest
 WAITING_S: Final = 1.0  # how much of its unbelieved past a track gives when it is believed
 SIZE_RATIO_MAX: Final = 3.0  # a box three times as large is another object
 STATIC_CROPS: Final = 4  # places of unbelieved, unmoved tracks worth a look a frame: clutter must not eat the budget
@@ -58,10 +64,9 @@ class TrackGate:
     def _associate(self, t_unix_ns: int, measured: list[Row]) -> list[tuple[Track, Row]]:
         """The nearest pairs first, believed tracks before others; what is left begins a track of its own."""
         pairs = sorted(
-            (not track.confirmed, cost, i, k)
-            for i, track in enumerate(self._tracks)
-            for k, row in enumerate(measured)
-            if (cost := self._cost(track, row)) is not None
+            (not self._tracks[i].confirmed, cost, i, k)
+            for i, k in self._near(t_unix_ns, measured)
+            if (cost := self._cost(self._tracks[i], measured[k])) is not None
         )
         tracks, rows = set(range(len(self._tracks))), set(range(len(measured)))
         matched = []
@@ -73,6 +78,17 @@ class TrackGate:
         for k in sorted(rows):
             self._begin(measured[k])
         return matched
+
+    def _near(self, t_unix_ns: int, measured: list[Row]) -> list[tuple[int, int]]:
+        """Pairs of a track and a row that the limit of speed does not rule out; most deserve no closer look."""
+        if not (self._tracks and measured):
+            return []
+        rows = np.array([(row.u_px, row.v_px) for row in measured])
+        tracks = np.array([track.predict(t_unix_ns) for track in self._tracks])
+        silent_s = np.array([(t_unix_ns - track.t_unix_ns) / 1e9 for track in self._tracks])
+        reach_px = self._config.speed_max_px_s * silent_s + SLACK_PX
+        away_px = np.abs(tracks[:, None, :2] - rows[None]).max(axis=2)
+        return [(int(i), int(k)) for i, k in zip(*np.nonzero(away_px <= reach_px[:, None]), strict=True)]
 
     def _cost(self, track: Track, row: Row) -> float | None:
         """Squared distance in sigmas, None if the row cannot be this track's."""
@@ -115,8 +131,12 @@ class TrackGate:
         if track.hits_since(round(now - window_ns)) < config.confirm_hits or track.best_score < config.score_confirm:
             return False
         enough_px = config.moved_min_px * (1 + CLUTTER_FACTOR * track.clutter)
-        track.has_moved = track.has_moved or track.moved_px(round(now - config.moved_window_s * 1e9)) >= enough_px
-        return track.has_moved
+        since = round(now - config.moved_window_s * 1e9)
+        moved_px, sigma_px = track.moved_px(since), track.sigma_px(since)
+        if moved_px < max(enough_px, MOVED_SIGMAS * sigma_px):
+            return False
+        even = track.largest_step_px(since) <= STEP_SHARE * moved_px + sigma_px
+        return even and track.roughness_px(since) <= max(ROUGH_SIGMAS * sigma_px, ROUGH_SHARE * moved_px)
 
     def _interval_ns(self) -> float:
         return (self._times[-1] - self._times[0]) / max(1, len(self._times) - 1)
@@ -130,12 +150,19 @@ class TrackGate:
         kept = []
         for track in self._tracks:
             silent_s = (now_unix_ns - track.t_unix_ns) / 1e9
-            unmoved = not track.confirmed and now_unix_ns - track.born_unix_ns > UNMOVED_S * 1e9
-            if unmoved:
+            if now_unix_ns - track.born_unix_ns > UNMOVED_S * 1e9 and self._is_clutter(track):
                 self._clutter.add(track.last.u_px, track.last.v_px, now_unix_ns)
             elif silent_s <= (self._config.coast_max_s if track.confirmed else TENTATIVE_GAP_S):
                 kept.append(track)
         self._tracks = kept
+
+    def _is_clutter(self, track: Track) -> bool:
+        """An old track that is not believed, or that came to rest where others were found to be clutter."""
+        if not track.confirmed:
+            return True
+        if self._clutter.level(track.last.u_px, track.last.v_px) < CLUTTERED:
+            return False
+        return track.moved_px(track.places[0].t_unix_ns) < self._config.moved_min_px * (1 + CLUTTER_FACTOR)
 
     def expected(self, t_unix_ns: int) -> Array:
         """Where the tracks should be: believed ones, then those seen twice, of the cluttered ones only a few."""
