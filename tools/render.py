@@ -1,6 +1,7 @@
 """Render a seeded scene to one short video a camera, with labels: `python -m tools.render scene.toml -o out/scene`."""
 
 import argparse
+import multiprocessing
 import os
 import sys
 from collections.abc import Callable
@@ -54,7 +55,8 @@ def render(scene: Simulation, folder: Path, done: Callable[[Path], None] = lambd
     """Render all cameras of a scene, as many at a time as there are cores; `done` is told of each that is ready."""
     folder.mkdir(parents=True, exist_ok=True)
     workers = min(len(scene.camera), os.cpu_count() or 1)
-    with ProcessPoolExecutor(workers) as pool:
+    # Spawned, not forked: a fork of a process in which OpenCV has threads never ends.
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         jobs = [pool.submit(render_camera, scene, number, folder) for number in range(len(scene.camera))]
         for job in jobs:
             done(job.result())

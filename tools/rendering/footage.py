@@ -123,7 +123,7 @@ def _place(image: Image, look: Look, k: int) -> Label:
     centres = look.centre_px[k] + np.linspace(-0.5, 0.5, 2 * steps + 1)[1::2, None] * motion
     outline = shape(thing.kind, thing.height_m / thing.width_m, int(look.phase[k]))
     _blend(image, draw(outline, width_px, turned, centres), float(look.contrast[k]))
-    corners = np.vstack(outline.polygons) @ turned.T * width_px
+    corners = outline.corners @ turned.T * width_px
     low, high = corners.min(axis=0) + centres.min(axis=0), corners.max(axis=0) + centres.max(axis=0)
     box = (float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1]))
     return Label(thing.name, thing.kind, (float(look.centre_px[k, 0]), float(look.centre_px[k, 1])), box, 1.0)

@@ -1,8 +1,8 @@
-"""What a distant flying thing looks like: a few dark polygons, drawn to a hundredth of a pixel.
+"""What a distant flying thing looks like: a few dark polygons, placed to a hundredth of a pixel.
 
 The hazard is a picture whose centre is not where the label says: a detector trained or measured on it would learn the
-error. So every shape is centred on its own area, drawn at several times the resolution of the image, and averaged over
-the positions it had while the shutter was open.
+error. So every shape is drawn once, large; the centre of its darkness is measured on that very drawing, and all smaller
+pictures are made from it by averaging, at all the positions it had while the shutter was open.
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from edge.lens import Array
 
-FINE: Final = 8  # drawn pixels per image pixel: an edge is right to a sixteenth of a pixel
-LARGE_PX: Final = 48.0  # objects wider than this are drawn 4 times finer only: their edges are many
+MASTER_PX: Final = 512  # width of the drawing a shape is made from
+LEVELS: Final = 6  # halvings of it: down to 8 px, what a 2 px object needs
+FINE: Final = 4  # drawn pixels per image pixel, averaged afterwards
 LENS_BLUR_PX: Final = 0.55  # one sigma of an ordinary lens in focus
 STEP_PX: Final = 0.5  # motion a sub-exposure may make: shorter steps cannot be told from a smear
 MOST_STEPS: Final = 24
-SHIFT: Final = 6  # binary places of a polygon's corners
 FLAP_PHASES: Final = 16  # wing positions kept; finer ones differ by less than a pixel on any bird drawn here
 
 Matte = NDArray[np.float32]
@@ -28,18 +28,39 @@ Matte = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Shape:
-    """Polygons in units of the object's width, centred on their area, y down. opacity: 0..1 for each."""
+    """A drawn outline. corners: (K, 2) about the centre of darkness, in units of the object's width, y down.
 
-    polygons: tuple[Array, ...]
-    opacity: tuple[float, ...]
+    levels: mattes of 0..1, each half as large as the one before; centre: (2,) of the first, in its pixels.
+    """
+
+    corners: Array
+    levels: tuple[Matte, ...]
+    centre: Array
 
 
 @lru_cache(maxsize=64)
 def shape(kind: str, aspect: float, phase: int = 0) -> Shape:
     """The outline of a kind of object; aspect: height over width; phase: of the wings, 0 to FLAP_PHASES - 1."""
     polygons, opacity = _OUTLINES[kind](aspect, 2 * np.pi * phase / FLAP_PHASES)
-    centre = _area_centre(polygons)
-    return Shape(tuple(polygon - centre for polygon in polygons), opacity)
+    corners = np.vstack(polygons)
+    # A square with an eighth of margin, so that all levels are whole and clear of the border.
+    size = int(np.ceil(1.25 * MASTER_PX / 2**LEVELS)) * 2**LEVELS
+    middle = size / 2.0
+    canvas = np.zeros((size, size), np.uint8)
+    # Darkest last: fillPoly overwrites, and a see-through rotor must not lighten the body below it.
+    for share, polygon in sorted(zip(opacity, polygons, strict=True), key=lambda pair: pair[0]):
+        cv2.fillPoly(canvas, [np.round(polygon * MASTER_PX + middle).astype(np.int32)], round(255 * share))
+    moments = cv2.moments(canvas)
+    centre: Array = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    return Shape(corners - (centre - middle) / MASTER_PX, _halved(canvas), centre)
+
+
+def _halved(canvas: NDArray[np.uint8]) -> tuple[Matte, ...]:
+    levels = [np.asarray(canvas / 255.0, np.float32)]
+    for _ in range(LEVELS):
+        height, width = levels[-1].shape
+        levels.append(np.asarray(levels[-1].reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3)), np.float32))
+    return tuple(levels)
 
 
 Outline = tuple[list[Array], tuple[float, ...]]
@@ -110,17 +131,6 @@ def _ellipse(x: float, y: float, half_width: float, half_height: float) -> Array
     return np.column_stack([x + half_width * np.cos(angle), y + half_height * np.sin(angle)])
 
 
-def _area_centre(polygons: list[Array]) -> Array:
-    """Centre of the area the polygons cover together, in their own units."""
-    scale, middle = 1000.0, 1024
-    canvas = np.zeros((2 * middle, 2 * middle), np.uint8)
-    for polygon in polygons:
-        cv2.fillPoly(canvas, [np.round(polygon * scale + middle).astype(np.int32)], 1)
-    moments = cv2.moments(canvas, binaryImage=True)
-    centre: Array = (np.array([moments["m10"], moments["m01"]]) / moments["m00"] - middle) / scale
-    return centre
-
-
 @dataclass(frozen=True)
 class Drawn:
     """A matte (h, w) of 0..1 whose first pixel is column x, row y of the image."""
@@ -132,25 +142,24 @@ class Drawn:
 
 def draw(outline: Shape, width_px: float, turned: Array, centres: Array) -> Drawn:
     """Draw a shape at all the centres (B, 2) it had during the exposure. turned: (2, 2) applied to its outline."""
-    fine = FINE if width_px < LARGE_PX else FINE // 4
-    polygons = [polygon @ turned.T * width_px for polygon in outline.polygons]
-    corners = np.vstack(polygons)
-    low = np.floor((corners.min(axis=0) + centres.min(axis=0)) - 3).astype(int)
-    high = np.ceil((corners.max(axis=0) + centres.max(axis=0)) + 3).astype(int)
+    corners = outline.corners @ turned.T * width_px
+    low = np.floor(corners.min(axis=0) + centres.min(axis=0) - 3).astype(int)
+    high = np.ceil(corners.max(axis=0) + centres.max(axis=0) + 3).astype(int)
     width, height = (high - low + 1).tolist()
-    total = np.zeros((height * fine, width * fine), np.float32)
+    level = int(np.clip(np.floor(np.log2(MASTER_PX / (width_px * FINE))), 0, LEVELS))
+    to_outline = np.linalg.inv(turned) * MASTER_PX / width_px / 2**level
+    origin = (outline.centre + 0.5) / 2**level - 0.5
+    total = np.zeros((height * FINE, width * FINE), np.float32)
     for centre in centres:
-        once = np.zeros(total.shape, np.uint8)
-        for polygon, opacity in zip(polygons, outline.opacity, strict=True):
-            # Column u of the image is centred on drawn column (u + 0.5) fine - 0.5.
-            at = (polygon + centre - low + 0.5) * fine - 0.5
-            one = np.zeros_like(once) if opacity < 1 else once
-            cv2.fillPoly(one, [np.round(at * (1 << SHIFT)).astype(np.int32)], round(255 * opacity), cv2.LINE_8, SHIFT)
-            if one is not once:
-                cv2.max(once, one, once)
-        cv2.accumulate(once, total)
-    matte = cv2.resize(total, (width, height), interpolation=cv2.INTER_AREA) / (255.0 * len(centres))
-    return Drawn(cv2.GaussianBlur(matte, (0, 0), LENS_BLUR_PX), int(low[0]), int(low[1]))
+        # Column u of the image is centred on drawn column (u - low + 0.5) FINE - 0.5.
+        first = low - 0.5 + 0.5 / FINE - centre
+        affine = np.column_stack([to_outline / FINE, to_outline @ first + origin])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        cv2.accumulate(cv2.warpAffine(outline.levels[level], affine, total.shape[::-1], flags=flags), total)
+    # The lens blurs before the pixels average: the other way about, a thin object would snap to the rows.
+    blurred = cv2.GaussianBlur(total / np.float32(len(centres)), (0, 0), LENS_BLUR_PX * FINE)
+    matte = cv2.resize(blurred, (width, height), interpolation=cv2.INTER_AREA)
+    return Drawn(np.asarray(matte, np.float32), int(low[0]), int(low[1]))
 
 
 def steps_for(motion_px: float) -> int:
