@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: setup demo test check lock clean
+.PHONY: setup demo test check lock bundle clean
 
 setup: .venv/installed
 
@@ -26,6 +26,9 @@ check: setup
 lock:
 	$(BIN)/python -m piptools compile --quiet --strip-extras --no-emit-index-url --no-emit-trusted-host --no-emit-find-links \
 		--extra base --extra certs --extra test --output-file requirements.lock pyproject.toml
+
+bundle: setup
+	$(BIN)/python -m tools.bundle
 
 clean:
 	rm -rf .venv out build dist *.egg-info

@@ -1,0 +1,113 @@
+"""Build the offline bundle: everything `deploy/install.sh --offline` needs on a machine that has no internet.
+
+    python -m tools.bundle                      dist/skyfix-<version>-bundle.tar, for x86-64 and arm64
+    python -m tools.bundle --machine x86_64     for one of them
+    python -m tools.bundle --python 3.13        for another Python than Debian 12's
+
+Wheels of exactly the versions in requirements.lock, the installer, units, configuration templates, and a checksum of
+each file. The same tree gives the same bytes.
+"""
+
+import argparse
+import hashlib
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from edge import __version__
+
+ROOT: Final = Path(__file__).parents[1]
+# The oldest C library of the wheels; Debian 12 and Raspberry Pi OS have 2.36.
+PLATFORMS: Final = {
+    machine: [f"manylinux_2_{minor}_{machine}" for minor in (17, 27, 28, 31, 34)] + [f"manylinux2014_{machine}"]
+    for machine in ("x86_64", "aarch64")
+}
+SOURCES: Final = ("edge", "calib", "pyproject.toml", "README.md", "LICENSE")
+CARRIED: Final = ("deploy", "systemd", "README.md", "LICENSE", "CHANGELOG.md")
+LEFT_OUT: Final = shutil.ignore_patterns("__pycache__", "scenes", "*.pyc")
+
+
+def build_wheel(folder: Path) -> Path:
+    """Our own wheel, from a copy: a build folder left over from yesterday would put yesterday's files into it."""
+    with tempfile.TemporaryDirectory() as temporary:
+        for name in SOURCES:
+            source = ROOT / name
+            if source.is_dir():
+                shutil.copytree(source, Path(temporary) / name, ignore=LEFT_OUT)
+            else:
+                shutil.copy2(source, temporary)
+        _pip("wheel", "--no-deps", "--wheel-dir", str(folder), temporary)
+    return next(folder.glob("skyfix-*.whl"))
+
+
+def download(folder: Path, wheel: Path, machine: str, python: str) -> None:
+    """Every wheel that box and base need on one kind of machine, and pip itself for a Python without it."""
+    platforms = [word for name in PLATFORMS[machine] for word in ("--platform", name)]
+    _pip(
+        *("download", "--dest", str(folder), "--only-binary=:all:", "--python-version", python, *platforms),
+        *("--constraint", str(ROOT / "requirements.lock"), f"{wheel}[base]", "pip"),
+    )
+
+
+def _pip(*arguments: str) -> None:
+    command = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", *arguments]
+    subprocess.run(command, check=True, cwd=ROOT)
+
+
+def lay_out(folder: Path, machines: list[str], pythons: list[str]) -> None:
+    """The bundle's tree."""
+    wheels = folder / "wheels"
+    wheels.mkdir()
+    wheel = build_wheel(wheels)
+    for machine in machines:
+        for python in pythons:
+            download(wheels, wheel, machine, python)
+    for name in CARRIED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=LEFT_OUT)
+        else:
+            shutil.copy2(source, folder / name)
+    shutil.copy2(ROOT / "deploy" / "install.sh", folder / "install.sh")
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(folder)}\n" for path in files]
+    (folder / "SHA256SUMS").write_text("".join(sums))
+
+
+def pack(folder: Path, archive: Path) -> None:
+    """One tar file: sorted, without owners and times, so that the same tree gives the same bytes."""
+
+    def anonymous(entry: tarfile.TarInfo) -> tarfile.TarInfo:
+        entry.uid = entry.gid = entry.mtime = 0
+        entry.uname = entry.gname = "root"
+        entry.mode = 0o755 if entry.isdir() or entry.mode & 0o100 else 0o644
+        return entry
+
+    archive.parent.mkdir(exist_ok=True)
+    with tarfile.open(archive, "w") as tar:
+        for path in sorted(folder.rglob("*")):
+            name = f"{archive.stem}/{path.relative_to(folder)}"
+            tar.add(path, name, recursive=False, filter=anonymous)
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description="Build the offline bundle for deploy/install.sh.")
+    parser.add_argument("--machine", action="append", choices=sorted(PLATFORMS), help="default: all")
+    parser.add_argument("--python", action="append", metavar="3.X", help="default: 3.11, Debian 12's; repeatable")
+    parser.add_argument("--to", type=Path, default=ROOT / "dist", help="folder (default: dist)")
+    options = parser.parse_args()
+    archive = options.to / f"skyfix-{__version__}-bundle.tar"
+    with tempfile.TemporaryDirectory() as temporary:
+        lay_out(Path(temporary), options.machine or sorted(PLATFORMS), options.python or ["3.11"])
+        pack(Path(temporary), archive)
+    print(f"{archive}: {archive.stat().st_size / 1e6:.0f} MB")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
