@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from itertools import cycle
+from pathlib import Path
 from typing import Final
 
 from edge.config import GnssConfig
@@ -57,6 +58,8 @@ class Receiver:
         self._unix_ns = unix_ns
         self._bauds = cycle(AUTOBAUD) if config.baud == 0 else cycle((config.baud,))
         self._baud = next(self._bauds)
+        # A recording may be years old: neither its date nor the host's clock say anything about it.
+        self._recorded = Path(config.device.removeprefix("file://")).is_file()
         self._session = self._new_session()
         self._changed = threading.Condition()
         self._stopping = threading.Event()
@@ -104,11 +107,10 @@ class Receiver:
             self._surveyed = None
 
     def _new_session(self) -> StaticSession:
-        recorded = "://" not in self._config.device and not self._config.device.startswith("/dev/")
         policy = Policy(
             separation_m=self._config.separation_m,
             accept_unknown_age=self._config.accept_unknown_age,
-            earliest=None if recorded else EARLIEST,
+            earliest=None if self._recorded else EARLIEST,
         )
         service = SERVICES[self._config.service]
         return StaticSession(service, policy, baseline_m=self._config.baseline_m)
@@ -122,6 +124,8 @@ class Receiver:
                 self._report_fault(error)
                 if error.fault is Fault.ENDED:
                     return
+                # A cable is pulled to move a tripod: what was averaged may be of another place.
+                self._session.restart()
             self._stopping.wait(RETRY_S)
 
     def _read_until_lost(self) -> None:
@@ -145,7 +149,8 @@ class Receiver:
                 self._restart = False
         if data:
             watch.last_byte_s = now_s
-        if accepted := self._session.feed(data, now_s):
+        accepted = self._session.feed(data, now_s)
+        if accepted and not self._recorded:
             host_ns = self._unix_ns()
             watch.host_minus_gnss_s = (host_ns - t_unix_ns(accepted[-1], host_ns)) * 1e-9
         if now_s - watch.last_snapshot_s >= SNAPSHOT_S:
@@ -167,15 +172,14 @@ class Receiver:
             self._changed.notify_all()
 
     def _report_fault(self, error: PortError) -> None:
-        ended = error.fault is Fault.ENDED
-        surveyed = self._session.surveyed()
-        usable = ended and surveyed is not None and not surveyed.mean.fault
+        surveyed = self._session.surveyed() if error.fault is Fault.ENDED else None
+        usable = surveyed is not None and not surveyed.mean.fault
         with self._changed:
             if self._status.state != error.fault.value:
                 log.warning("%s", error)
             self._surveyed = surveyed
-            self._fix = make_fix(surveyed, self._config, self._unix_ns()) if usable and surveyed else None
-            reason = surveyed.mean.fault if ended and surveyed and surveyed.mean.fault else error.what
+            self._fix = make_fix(surveyed, self._config, self._unix_ns()) if surveyed and usable else None
+            reason = surveyed.mean.fault if surveyed and not usable else error.what
             level: Level = "ok" if usable else "fail"
             self._status = ReceiverStatus(
                 State(error.fault.value), level, reason, error.action, counters(self._session)
