@@ -70,16 +70,18 @@ def overlaps(found: Floats, truth: Floats) -> Floats:
     """`(N, M)` intersection over union of boxes `(N, 4)` and `(M, 4)`."""
     low = np.maximum(found[:, None, :2], truth[None, :, :2])
     high = np.minimum(found[:, None, :2] + found[:, None, 2:], truth[None, :, :2] + truth[None, :, 2:])
-    common = np.prod(np.clip(high - low, 0, None), axis=2)
-    union = np.prod(found[:, None, 2:], axis=2) + np.prod(truth[None, :, 2:], axis=2) - common
-    return np.asarray(common / np.maximum(union, 1e-12), np.float64)
+    size = np.clip(high - low, 0, None)
+    common = size[..., 0] * size[..., 1]
+    union = (found[:, 2] * found[:, 3])[:, None] + (truth[:, 2] * truth[:, 3])[None] - common
+    iou: Floats = np.divide(common, np.maximum(union, 1e-12))
+    return iou
 
 
 def centred(found: Floats, truth: Floats) -> Floats:
     """`(N, M)` 1 where the centre of box n lies in box m, else 0."""
     centre = found[:, None, :2] + found[:, None, 2:] / 2
     inside = (centre >= truth[None, :, :2]) & (centre <= truth[None, :, :2] + truth[None, :, 2:])
-    return inside.all(axis=2).astype(np.float64)
+    return np.asarray(inside.all(axis=2), np.float64)
 
 
 def match(agreement: Floats, least: float) -> Flags:

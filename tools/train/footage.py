@@ -20,8 +20,10 @@ from tools.train.patches import STACK_OFFSETS_S, Box, Cutout, Grey, Patch, lift
 
 PATCH_PX: Final = 160  # a 96 px crop and room to shift and zoom it
 EVERY: Final = 6  # frames between two samples of a clip: 0.2 s, after which an object has moved on
-LARGEST_PX: Final = 56  # loose width; larger objects are scaled down to this at the least
+LARGEST_PX: Final = 90  # loose width; larger objects are scaled down to this at the least
 SMALLEST_PX: Final = 6  # loose width; below it nothing of the object is left
+LIFTED_EXACT: Final = 0.15  # weight of a measured centre: its own error would be learned as the net's sigma
+REAL_TELLING: Final = 0.4  # weight of the class of an object before the field it was filmed in
 BACKGROUNDS: Final = (1, 3)  # taken a frame: one anywhere, one the lowest of three places, where the trees are
 CLIP_CLASSES: Final = {"DRONE": 0, "BIRD": 1, "AIRPLANE": 2, "HELICOPTER": 3}
 
@@ -119,7 +121,7 @@ def take(material: Material, stack: list[Grey], objects: list[Loose], random: np
         if len(found) == len(cutouts):
             material.cutouts.append((found, thing.label))
         if thing.boxes[0] is not None:
-            tight.append((thing, _tight(thing.boxes[0], cutouts[0], stack[0], thing.label)))
+            tight.append((thing, tighten(thing.boxes[0], cutouts[0], stack[0], thing.label)))
     boxes = [box for _, box in tight if box is not None]
     for thing, box in tight:
         if box is not None and thing.boxes[0] is not None:
@@ -132,7 +134,7 @@ def take(material: Material, stack: list[Grey], objects: list[Loose], random: np
             material.backgrounds.append(background)
 
 
-def _tight(loose: tuple[float, float, float, float], cutout: Cutout | None, frame: Grey, label: int) -> Box | None:
+def tighten(loose: tuple[float, float, float, float], cutout: Cutout | None, frame: Grey, label: int) -> Box | None:
     """The measured box if there is one; the loose one before a busy background; None where the label shows nothing."""
     left, top, width, height = loose
     x, y = left + width / 2, top + height / 2
@@ -141,8 +143,8 @@ def _tight(loose: tuple[float, float, float, float], cutout: Cutout | None, fram
         window = frame[y0 : y0 + int(height) + 1, x0 : x0 + int(width) + 1]
         if window.size == 0 or np.ptp(cv2.GaussianBlur(window, (3, 3), 0)) < 12:
             return None  # nothing to be seen there: a label that jumped
-        return Box(x - 0.5, y - 0.5, width / 2, height / 2, label, exact=False)
-    return Box(*cutout.frame_px, *cutout.size_px, label, exact=True)
+        return Box(x - 0.5, y - 0.5, width / 2, height / 2, label, exact=0.0, telling=REAL_TELLING)
+    return Box(*cutout.frame_px, *cutout.size_px, label, exact=LIFTED_EXACT, telling=REAL_TELLING)
 
 
 def _patch(stack: list[Grey], box: Box, others: list[Box], loose_width_px: float, random: np.random.Generator) -> Patch:
@@ -172,15 +174,16 @@ def _moved(box: Box, corner: list[int], scale: float) -> Box:
         max(box.height_px * scale, 1.0),
         box.label,
         box.exact,
+        box.telling,
     )
 
 
 def _background(
     stack: list[Grey], loose: list[tuple[float, float, float, float]], lowest_of: int, random: np.random.Generator
 ) -> Grey | None:
-    """A patch without a labelled object, at half or full scale; the lowest of so many places."""
+    """A patch without a labelled object, at full, half or a third of the scale; the lowest of so many places."""
     height, width = stack[0].shape
-    span = min(int(random.choice([PATCH_PX, 2 * PATCH_PX])), height - 1, width - 1)
+    span = min(int(random.choice([PATCH_PX, 2 * PATCH_PX, 3 * PATCH_PX])), height - 1, width - 1)
     for _ in range(5):
         x = int(random.integers(0, width - span))
         y = int(max(random.integers(0, height - span, lowest_of)))

@@ -33,7 +33,7 @@ class Losses:
 
     def total(self) -> Tensor:
         """Their weighted sum; weights bring the parts to like magnitudes."""
-        return self.heat + 0.5 * self.centre + 0.5 * self.size + 0.4 * self.label
+        return self.heat + 0.5 * self.centre + 0.5 * self.size + 0.6 * self.label
 
 
 def centres(raw: Tensor) -> tuple[Tensor, Tensor]:
@@ -45,16 +45,18 @@ def centres(raw: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def losses(raw: Tensor, boxes: Tensor) -> Losses:
-    """Losses of raw maps `(B, C, h, w)` against boxes `(B, M, 7)`: x, y, width, height px, class, exact, present."""
+    """Losses of raw maps `(B, C, h, w)` against boxes `(B, M, 8)`.
+
+    Of a box: x, y, width, height px, class, exact, telling, present.
+    """
     heat, weight, owner = _targets(raw, boxes)
-    exact = boxes[..., 5].gather(1, owner.flatten(1)).view_as(weight)
-    chosen = torch.stack([boxes[..., k].gather(1, owner.flatten(1)).view_as(weight) for k in range(5)], dim=1)
-    measured = weight * exact
+    chosen = torch.stack([boxes[..., k].gather(1, owner.flatten(1)).view_as(weight) for k in range(7)], dim=1)
+    measured = weight * chosen[:, 5]
     return Losses(
         heat=_focal(raw[:, 0], heat),
         centre=_centre(raw, chosen[:, :2], measured),
         size=_size(raw[:, 3:5], chosen[:, 2:4], measured),
-        label=_label(raw[:, OUTPUTS_BEFORE_CLASSES:], chosen[:, 4], weight),
+        label=_label(raw[:, OUTPUTS_BEFORE_CLASSES:], chosen[:, 4], weight * chosen[:, 6]),
     )
 
 
@@ -68,9 +70,9 @@ def _targets(raw: Tensor, boxes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     size = boxes[..., 2:4].amax(-1) / STRIDE
     # A loose label says "hereabouts": its neighbourhood is not to be taught as background.
     spread = (SPREAD_PER_SIZE * size * (1 + (boxes[..., 5] == 0))).clamp(min=SMALLEST_SPREAD_CELLS)
-    heat = torch.exp(-(off_u**2 + off_v**2) / (2 * spread[..., None, None] ** 2)) * boxes[..., 6, None, None]
+    heat = torch.exp(-(off_u**2 + off_v**2) / (2 * spread[..., None, None] ** 2)) * boxes[..., 7, None, None]
     best, owner = heat.max(dim=1)
-    near = (off_u.abs().maximum(off_v.abs()) <= 1).float() * boxes[..., 6, None, None]
+    near = (off_u.abs().maximum(off_v.abs()) <= 1).float() * boxes[..., 7, None, None]
     weight = near.gather(1, owner[:, None]).squeeze(1) * torch.where(best == 1, 1.0, NEIGHBOUR_WEIGHT)
     return best, weight, owner
 

@@ -1,23 +1,29 @@
 """Hard negatives and an honest sigma: what a net says of things whose truth is known, once it has learned something."""
 
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from scipy.optimize import minimize
 from torch import Tensor
 
+from edge.errors import SkyfixError
 from tools.train.compose import CROP_PX, Composer
-from tools.train.loss import centres
-from tools.train.net import SkyNet
+from tools.train.loss import NOMINAL_LOG_SIZE, centres
+from tools.train.net import STRIDE, SkyNet, cells
 from tools.train.patches import Floats, Grey
 
 EASY_WEIGHT: Final = 0.15  # of a background that fools nobody, against 1 for one that does
 MOST_TRUSTED: Final = 0.9  # a score above it on "background" is more likely an unlabelled bird than a mistake
-FOUND: Final = 0.3  # score from which a detection counts for the calibration
+FOUND_SCORE: Final = 0.3  # score from which a detection counts for the calibration
+LEAST_FOUND: Final = 100  # three parameters from fewer would be a guess
+CLIP_SIGMAS: Final = 5.0  # an error so large is a different object, not a worse centre
 OUTLIER_PX: Final = 6.0  # a peak further off belongs to something else
 
 
-@torch.no_grad()
+@torch.no_grad()  # type: ignore[untyped-decorator]
 def background_weights(net: SkyNet, backgrounds: list[Grey], batch: int = 64) -> Floats:
     """`(N,)` weights of backgrounds, by the best score of a trained net in each."""
     net.eval()
@@ -30,29 +36,74 @@ def background_weights(net: SkyNet, backgrounds: list[Grey], batch: int = 64) ->
     return weights
 
 
-@torch.no_grad()
-def normalised_errors(net: SkyNet, composer: Composer, batches: int = 60) -> Floats:
-    """`(N, 2)` centre errors over sigma, both coordinates, of the measured objects a net finds in composed samples."""
+@dataclass(frozen=True)
+class SigmaFit:
+    """log sigma = offset + slope * (the net's own) + size_slope * (log size - log 8 px)."""
+
+    offset: float = 0.0
+    slope: float = 1.0
+    size_slope: float = 0.0
+
+    def log_sigma(self, raw: Any, log_size: Any) -> Any:
+        """Calibrated log sigma (px) of tensors or arrays."""
+        return self.offset + self.slope * raw + self.size_slope * (log_size - NOMINAL_LOG_SIZE)
+
+
+@dataclass(frozen=True)
+class Found:
+    """Objects found whose centre is known exactly: error `(N, 2)` px, the net's log sigma `(N,)`, log size `(N,)`."""
+
+    error_px: Floats
+    log_sigma: Floats
+    log_size: Floats
+
+    def normalised(self, fit: SigmaFit) -> float:
+        """Root mean square of error over sigma, both coordinates: 1 if sigma is true."""
+        ratio = self.error_px / np.exp(fit.log_sigma(self.log_sigma, self.log_size))[:, None]
+        return float(np.sqrt(np.mean(np.clip(ratio, -CLIP_SIGMAS, CLIP_SIGMAS) ** 2)))
+
+
+def fit_sigma(found: Found) -> SigmaFit:
+    """The maximum-likelihood calibration; the few errors beyond CLIP_SIGMAS count as that. Raises SkyfixError."""
+    if len(found.log_sigma) < LEAST_FOUND:
+        raise SkyfixError(
+            f"the net finds {len(found.log_sigma)} of the objects made for it: too few to calibrate its sigma",
+            where="training",
+            action="train for more steps",
+        )
+
+    def cost(values: NDArray[np.float64]) -> float:
+        log_sigma = SigmaFit(*values).log_sigma(found.log_sigma, found.log_size)[:, None]
+        ratio = np.clip(found.error_px * np.exp(-log_sigma), -CLIP_SIGMAS, CLIP_SIGMAS)
+        return float(np.mean(0.5 * ratio**2 + log_sigma))
+
+    best = minimize(cost, np.array([0.0, 1.0, 0.0]), method="Nelder-Mead").x
+    return SigmaFit(*(float(value) for value in best))
+
+
+@torch.no_grad()  # type: ignore[untyped-decorator]
+def find_measured(net: SkyNet, composer: Composer, batches: int = 80) -> Found:
+    """The measured objects a net finds in composed samples."""
     net.eval()
-    errors = []
+    rows = []
     for _ in range(batches):
         stacks, boxes = composer.batch(64)
         raw = _maps(net, stacks)
         centre, log_sigma = (part.cpu().numpy() for part in centres(raw))
         heat = torch.sigmoid(raw[:, 0]).cpu().numpy()
-        for k, m in zip(*np.nonzero(boxes[..., 5] * boxes[..., 6]), strict=True):
-            x, y = boxes[k, m, :2]
-            u, v = (int(np.clip((c + 0.5) // 4, 1, CROP_PX // 4 - 2)) for c in (x, y))
+        log_size = raw[:, 3:5].mean(1).cpu().numpy() + NOMINAL_LOG_SIZE
+        for k, m in zip(*np.nonzero((boxes[..., 5] == 1) & (boxes[..., 7] == 1)), strict=True):
+            u, v = (int(np.clip((c + 0.5) // STRIDE, 1, CROP_PX // STRIDE - 2)) for c in boxes[k, m, :2])
             near = heat[k, v - 1 : v + 2, u - 1 : u + 2]
             row, col = np.unravel_index(near.argmax(), near.shape)
-            at = np.s_[k, :, v - 1 + row, u - 1 + col]
-            off = centre[at] - [x, y]
-            if near.max() >= FOUND and np.hypot(*off) < OUTLIER_PX:
-                errors.append(off / np.exp(log_sigma[at]))
-    return np.array(errors, np.float32).reshape(-1, 2)
+            y, x = v - 1 + row, u - 1 + col
+            off = centre[k, :, y, x] - boxes[k, m, :2]
+            if near.max() >= FOUND_SCORE and np.hypot(*off) < OUTLIER_PX:
+                rows.append([*off, log_sigma[k, 0, y, x], log_size[k, y, x]])
+    table = np.array(rows, np.float32).reshape(-1, 4)
+    return Found(table[:, :2], table[:, 2], table[:, 3])
 
 
 def _maps(net: SkyNet, stacks: Grey) -> Tensor:
     place = next(net.parameters()).device
-    image = torch.from_numpy(stacks).to(place).permute(0, 3, 1, 2).float()
-    return net(image)  # type: ignore[no-any-return]
+    return net(cells(torch.from_numpy(stacks).to(place)))

@@ -30,9 +30,10 @@ EXTENT_QUANTILE: Final = (
 
 @dataclass(frozen=True)
 class Box:
-    """An object in a patch: centre and size in pixels, class index or UNKNOWN_CLASS, and whether it is measured.
+    """An object in a patch: centre and size in pixels, class index or UNKNOWN_CLASS.
 
-    A box that is not `exact` says where an object is, but must teach neither size nor sub-pixel centre.
+    `exact` 0..1 is the weight of its centre and size: 0 says where an object is, and must teach nothing finer.
+    `telling` 0..1 is the weight of its class: a net shown each class before its own field learns the fields.
     """
 
     x_px: float
@@ -40,7 +41,8 @@ class Box:
     width_px: float
     height_px: float
     label: int
-    exact: bool
+    exact: float
+    telling: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,9 @@ def lift(frame: Grey, box_px: tuple[float, float, float, float]) -> Cutout | Non
     matte = _matte(window - sky, sigma)
     if matte is None:
         return None
-    return _measured(matte, window, sky, (x0, y0))
+    cutout = _measured(matte, window, sky, (x0, y0))
+    # Labels are loose, so what is larger than its label is a cloud.
+    return cutout if cutout.size_px[0] <= 1.1 * width and cutout.size_px[1] <= 1.1 * height else None
 
 
 def _sky_plane(window: Floats) -> tuple[Floats, float]:

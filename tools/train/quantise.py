@@ -8,22 +8,18 @@ import tempfile
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import onnx
-from onnxruntime.quantization import (
-    CalibrationDataReader,
-    CalibrationMethod,
-    QuantFormat,
-    QuantType,
-    quantize_static,
-)
+import torch
+from onnxruntime.quantization import CalibrationDataReader, CalibrationMethod, QuantFormat, QuantType, quantize_static
 from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from tools.train.compose import Composer
+from tools.train.net import cells
+from tools.train.ports import FLOAT_INPUT
 
-CALIBRATION_BATCHES: Final = 12  # of 32 samples
+CALIBRATION_BATCHES: Final = 12
 BATCH: Final = 32
-LAST_CONVOLUTIONS: Final = 1  # the head: its outputs are coordinates
+HEADS: Final = ("/net/head/Conv", "/net/kind/kind.1/Conv")  # their outputs are coordinates and logits: float
 
 
 class _Samples(CalibrationDataReader):  # type: ignore[misc]
@@ -33,24 +29,32 @@ class _Samples(CalibrationDataReader):  # type: ignore[misc]
     def get_next(self) -> dict[str, Any] | None:
         """The next input of the model, or None."""
         batch = next(self.batches, None)
-        return None if batch is None else {"image": np.ascontiguousarray(batch)}
+        if batch is None:
+            return None
+        return {FLOAT_INPUT: cells(torch.from_numpy(batch)).numpy()}
 
 
-def body(model: onnx.ModelProto) -> list[str]:
-    """Names of the nodes to quantise: every convolution but the head, and what joins them."""
-    convolutions = [node.name for node in model.graph.node if node.op_type == "Conv"]
-    names = [node.name for node in model.graph.node]
-    end = names.index(convolutions[-LAST_CONVOLUTIONS])
-    begin = names.index(convolutions[0])
-    return names[begin:end]
+def body(graph: onnx.GraphProto) -> list[str]:
+    """Names of the nodes to quantise: all that the heads are computed from, but not the heads."""
+    maker = {output: node for node in graph.node for output in node.output}
+    heads = [node for node in graph.node if node.name in HEADS]
+    if len(heads) != len(HEADS):
+        raise ValueError(f"expected the nodes {HEADS}, found {[node.name for node in heads]}")
+    waiting = [name for head in heads for name in head.input]
+    found: dict[str, None] = {}
+    while waiting:
+        node = maker.get(waiting.pop())
+        if node is not None and node.name not in found:
+            found[node.name] = None
+            waiting += node.input
+    return list(found)
 
 
 def quantise(source: Path, target: Path, composer: Composer) -> None:
-    """Write the int8 form of the float model `source`, its metadata kept."""
+    """Write the int8 form of a float-input model."""
     with tempfile.TemporaryDirectory() as folder:
         ready = Path(folder) / "ready.onnx"
         quant_pre_process(str(source), str(ready), skip_symbolic_shape=True)
-        nodes = body(onnx.load(str(ready)))
         quantize_static(
             str(ready),
             str(target),
@@ -59,10 +63,6 @@ def quantise(source: Path, target: Path, composer: Composer) -> None:
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
             per_channel=True,
-            nodes_to_quantize=nodes,
+            nodes_to_quantize=body(onnx.load(str(ready)).graph),
             calibrate_method=CalibrationMethod.MinMax,
         )
-    model = onnx.load(str(target))
-    metadata = {entry.key: entry.value for entry in onnx.load(str(source)).metadata_props}
-    onnx.helper.set_model_props(model, metadata)
-    onnx.save(model, str(target))

@@ -1,7 +1,7 @@
 """Drawn flying things: three-dimensional stick models seen from anywhere, as cut-outs with an exactly known centre.
 
-Real cut-outs show one drone and a few dozen birds. Drawn ones are poorer in texture but have every shape and aspect,
-and their centre is the projected body centre by construction, which is what the base station triangulates.
+Real cut-outs show one drone and a few dozen birds. Drawn ones are poorer in texture but have every shape and aspect.
+The centre of either is the centroid of its silhouette, which from any side is close to the body's own.
 """
 
 from collections.abc import Callable
@@ -78,7 +78,7 @@ def helicopter(random: np.random.Generator, phase: float) -> list[Stroke]:
         (_line(-1.1, 0), random.uniform(0.06, 0.12), 1.0),
         (np.array([[-1.1, 0, 0], [-1.15, 0, 0.3]]), 0.08, 1.0),
         (rotor, 0.04, 0.8),
-        (_disc(0.9) + [0, 0, 0.35], -1.0, random.uniform(0.0, 0.25)),
+        (_disc(0.9) + np.array([0, 0, 0.35]), -1.0, random.uniform(0.0, 0.25)),
     ]
 
 
@@ -135,7 +135,9 @@ def _render(strokes: list[Stroke], R_image_body: Points, grey: float, shade: flo
     gradient = np.linspace(-shade, shade, CANVAS_PX, dtype=np.float32)[:, None]
     size = (extent(matte.sum(axis=0)), extent(matte.sum(axis=1)))
     paint = matte * np.clip(grey + gradient, 0, 255)
-    return Cutout(matte, paint.astype(np.float32), (middle, middle), size, (middle, middle))
+    solid = np.minimum(matte * 2, 1)  # a rotor disc that the sky shines through is area all the same
+    centre = tuple(float((solid.sum(axis=axis) * np.arange(CANVAS_PX)).sum() / solid.sum()) for axis in (0, 1))
+    return Cutout(matte, paint.astype(np.float32), (centre[0], centre[1]), size, (centre[0], centre[1]))
 
 
 def _disc(radius: float) -> Points:
