@@ -8,6 +8,7 @@ late; it only serves to notice a clock that is seconds off.
 """
 
 import ctypes
+import math
 import re
 import subprocess
 import threading
@@ -57,6 +58,8 @@ def of_chrony(tracking: str) -> ClockState:
     if leap == "Not synchronised":
         return _unknown("chrony", "chronyd has no source it trusts", "check its sources: chronyc sources -v")
     bound_s = abs(offset_s) + dispersion_s + delay_s / 2
+    if not (math.isfinite(bound_s) and dispersion_s >= 0 and delay_s >= 0):
+        return _unknown("chrony", f"chronyc said {tracking.strip()[:80]!r}", "restart chronyd")
     return ClockState(bound_s, "chrony", True, f"chrony follows {name or fields[0]} within {bound_s * 1e3:.3g} ms")
 
 
@@ -111,6 +114,8 @@ def of_ptp(answer: str) -> ClockState:
         bound_s = (abs(float(said["offsetFromMaster"])) + float(said["meanPathDelay"]) / 2) * 1e-9 + PTP_FLOOR_S
     except (KeyError, ValueError):
         return _unknown("ptp", "ptp4l did not answer", "start ptp4l, and let this user write to /var/run/ptp4l")
+    if not math.isfinite(bound_s):
+        return _unknown("ptp", "ptp4l gave no number", "restart ptp4l")
     if not present:
         return _unknown("ptp", "no PTP grandmaster on this network", "check the grandmaster and the switch")
     return ClockState(bound_s, "ptp", True, f"PTP within {bound_s * 1e6:.3g} us of the grandmaster")
