@@ -1,0 +1,84 @@
+"""The configurations of a demo site: three boxes, one base, all on loopback and all below one folder."""
+
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import tomli_w
+
+from edge.lens import Array
+from tools.demonstration.receivers import UNDULATION_M
+from tools.scenes.description import Camera, Simulation
+
+ANTENNA_ABOVE_LENS_M: Final = 0.12  # on the tripod's head
+CLOCK_BOUND_S: Final = 0.001  # one computer, one clock: nothing else keeps it apart
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Ports on loopback."""
+
+    zenoh: int
+    mavlink: int
+    status: int
+
+
+def free_tcp_port() -> int:
+    """A TCP port nobody listens on at the moment."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def antenna_enu(camera: Camera) -> Array:
+    """(3,) where the RTK antenna of a tripod is."""
+    return np.array(camera.centre_enu) + (0.0, 0.0, ANTENNA_ABOVE_LENS_M)
+
+
+def box(scene: Simulation, camera: Camera, video: Path, device: str, start_unix_ns: int, ports: Ports) -> str:
+    """edge.toml of one tripod, whose video begins at start_unix_ns plus the camera's phase."""
+    first_frame_unix_ns = start_unix_ns + round(camera.phase_s * 1e9)
+    config: dict[str, Any] = {
+        "site": scene.name,
+        "camera": [
+            {
+                "id": camera.id,
+                "readout_s": camera.readout_s,
+                "source": {
+                    "path": str(video),
+                    "realtime": True,
+                    "t0_unix_ns": first_frame_unix_ns,
+                    "start_at_unix_ns": first_frame_unix_ns,
+                },
+                "lens": {
+                    "model": camera.lens,
+                    "intrinsics": list(camera.published_intrinsics or camera.intrinsics),
+                    "distortion": list(camera.published_distortion or camera.distortion),
+                    "size_px": list(camera.size_px),
+                },
+            }
+        ],
+        "link": {"connect": [f"tcp/127.0.0.1:{ports.zenoh}"]},
+        "gnss": {"device": device, "service": "own-base", "lever_arm_m": [0.0, 0.0, ANTENNA_ABOVE_LENS_M]},
+        "clock": {"source": "assumed", "assumed_bound_s": CLOCK_BOUND_S},
+    }
+    return tomli_w.dumps(config)
+
+
+def base(scene: Simulation, ports: Ports) -> str:
+    """base.toml of the field computer; relative paths are beside the file."""
+    config: dict[str, Any] = {
+        "state_folder": "state",
+        "site": {"name": scene.name, "undulation_m": UNDULATION_M},
+        "camera": [{"id": camera.id} for camera in scene.camera],
+        "link": {"listen": [f"tcp/127.0.0.1:{ports.zenoh}"]},
+        "mavlink": {
+            "simulated": True,
+            "endpoint": [{"url": f"udp:127.0.0.1:{ports.mavlink}", "profile": ["gcs", "ecef"]}],
+        },
+        "recording": {"folder": "recording", "min_free_mb": 50},
+        "status": {"port": ports.status},
+    }
+    return tomli_w.dumps(config)
