@@ -321,7 +321,7 @@ class Station:
                 texts.append((item.level, f"{item.name}: {words}"))
         self._levels = {item.name: item.level for item in self.health.items}
         if self.standing.phase.value != self._told[0]:
-            texts.append(("ok", f"{self.standing.phase.value}: {self.standing.reason}"))
+            texts.insert(0, ("ok", f"{self.standing.phase.value}: {self.standing.reason}"))  # what matters most
         self._told = (self.standing.phase.value, self.standing.reason)
         return texts
 

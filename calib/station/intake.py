@@ -21,6 +21,7 @@ from edge.messages import Fix, Health, Lens, Tracks, decode
 OUTSIDE: Final = 0.05  # of the image's size: a box may reach over the edge by so much, a pixel farther is absurd
 FAULT_SHOWN_NS: Final = 10 * NS  # arrival time a fault is shown after it was last seen
 TWINS_NS: Final = 20 * NS  # arrival time within which two boxes taking turns are noticed
+PATIENCE_NS: Final = 10 * NS  # after the start, before a camera that was never heard of is an alarm
 FLOOD: Final = 60  # detections a frame, on average: more is a detector gone wild, not a sky full of objects
 
 
@@ -70,6 +71,7 @@ class Intake:
         self.clock = StreamClock()
         self.strangers: Counter[str] = Counter()
         self._where = where
+        self._began_ns: int | None = None
 
     def known(self, camera: str) -> CameraIntake | None:
         """The camera of that name; a stranger is counted."""
@@ -187,6 +189,7 @@ class Intake:
 
     def checks(self, now_ns: int, stale_s: float) -> list[Check]:
         """How each camera's messages are, as of now."""
+        self._began_ns = now_ns if self._began_ns is None else self._began_ns
         checks = [self._check(camera, now_ns, stale_s) for camera in self.cameras.values()]
         for stranger, count in self.strangers.items():
             reason = f"{count} messages from a camera that is not configured"
@@ -196,12 +199,8 @@ class Intake:
 
     def _check(self, camera: CameraIntake, now_ns: int, stale_s: float) -> Check:
         name = f"camera {camera.id}"
-        if camera.last_ns is None:
-            there = "is there but sends no frames" if camera.present else "was never heard of"
-            return Check(name, "fail", there, "start its box, check its link and site name")
         if not camera.online(now_ns, stale_s):
-            silent_s = (now_ns - camera.last_ns) / NS
-            return Check(name, "fail", f"last frame {silent_s:.0f} s ago", "look at its box, camera and link")
+            return self._silence(name, camera, now_ns)
         recent = [(r, a) for r, a, when in camera.faults.values() if now_ns - when < FAULT_SHOWN_NS]
         if recent:
             return Check(name, "warn", *recent[-1])
@@ -212,6 +211,15 @@ class Intake:
                 name, "warn", f"{camera.detections:.0f} detections a frame", "look at its picture and detector"
             )
         return Check(name, "ok", "sends frames")
+
+    def _silence(self, name: str, camera: CameraIntake, now_ns: int) -> Check:
+        if camera.last_ns is not None:
+            silent_s = (now_ns - camera.last_ns) / NS
+            return Check(name, "fail", f"last frame {silent_s:.0f} s ago", "look at its box, camera and link")
+        if now_ns - (self._began_ns or now_ns) < PATIENCE_NS:
+            return Check(name, "ok", "not heard of yet")
+        there = "is there but sends no frames" if camera.present else "was never heard of"
+        return Check(name, "fail", there, "start its box, check its link and site name")
 
 
 def _size(size: tuple[int, int]) -> str:

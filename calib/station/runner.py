@@ -75,6 +75,7 @@ class Runner:
         # An arrival clock that never steps, and yet reads as UTC in the recording.
         self._utc_ns = time.time_ns() - time.monotonic_ns()
         self.began_ns = self.now_ns()
+        self.turns = 0
         self._in_force: Network | None = None
         self._errors: dict[str, int] = {}
         self.latencies_ms: deque[float] = deque(maxlen=LATENCIES)
@@ -107,8 +108,9 @@ class Runner:
 
     # One turn of the loop
 
-    def turn(self) -> None:
-        """Wait for messages, and do what is due."""
+    def turn(self) -> bool:
+        """Wait for messages, and do what is due; whether a second has gone by."""
+        self.turns += 1
         self.link.wait(WAIT_S)
         self._hear_states()
         for message in self.inbox.drain():
@@ -116,13 +118,15 @@ class Runner:
         for late in self.backfill.late.drain():
             self.record(late.key, late.payload, self.now_ns())
         now_ns = self.now_ns()
-        self._do(self.station.tick(now_ns), now_ns)
+        tick = self.station.tick(now_ns)
+        self._do(tick, now_ns)
         done = self.worker.poll()
         if done is not None:
             self._solved(done, now_ns)
         if self.station.calibration.network is not self._in_force:
             self._adopted(now_ns)
         self.broadcast.receive(now_ns, self.station.now_unix_ns(now_ns), self._wish)
+        return tick.slow
 
     def _hear(self, message: Received) -> None:
         now_ns = message.t_monotonic_ns + self._utc_ns

@@ -8,16 +8,17 @@ import logging
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from types import FrameType
 from typing import Final
 
-from calib.station import notify
 from calib.station.config import BaseConfig
 from calib.station.runner import Runner
 from calib.station.worker import Solver, solve_live
+from edge.systemd_notify import Notifier
 
 log = logging.getLogger(__name__)
 
@@ -32,11 +33,12 @@ def run(config: BaseConfig, folder: Path, solver: Solver = solve_live, stop: thr
     with ExitStack() as stack:
         runner = Runner(config, folder, stack, solver)
         log.info("site %s, start %d, listening on %s", config.site.name, runner.epoch, config.link.listen)
-        notify.ready()
+        notifier = Notifier()
+        notifier.ready(f"site {config.site.name}")
         while not stopping.is_set():
-            runner.turn()
-            notify.alive()  # the watchdog is fed by the loop that does the work, or not at all
-        notify.stopping()
+            if runner.turn():  # the watchdog is fed by the loop that does the work, or not at all
+                notifier.feed({"turns": runner.turns}, time.monotonic(), runner.station.standing.phase)
+        notifier.stopping()
     log.info("stopped")
     return 0
 
