@@ -132,7 +132,7 @@ def supported(cameras: tuple[Camera, ...], data: tuple[CameraData, ...]) -> tupl
                 )
             )
             keep[own] = _near(times[index][own], others)
-        kept.append(CameraData(seen.t_s[keep], seen.pixels[keep], seen.target[keep], seen.sigma_px[keep]))
+        kept.append(seen.rows(keep))
     return tuple(kept)
 
 

@@ -13,16 +13,17 @@ import numpy as np
 
 from calib.errors import CalibrationError
 from calib.flight import Estimate, jerk
-from calib.network import Camera
 from calib.noise import robust_cost, robust_weight
 from calib.normal import Factor, Normal, Step, factorise
 from calib.priors import CameraPrior, moved
-from calib.projection import CAMERA_SIZE, ROTATION, CameraData, Projected, project
+from calib.projection import CAMERA_SIZE, CameraData, Projected, project
 from calib.spline import ORDER, THIRD_DIFFERENCE
 from calib.weights import Fitted, Weights, renewed, steady
 from edge.lens import Array
 
 ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
+LAST_ROUNDS: Final = 3  # with all rows, once a part of them is settled
+COARSE_ROWS: Final = 8000  # enough for a hundred unknowns at any correlation
 STEPS: Final = 8  # of Gauss-Newton between two rounds
 SETTLED: Final = 1e-3  # relative change of the cost below which a round is done
 WORST_SIGMAS: Final = 30.0  # what an observation without an image costs
@@ -35,6 +36,20 @@ class Problem:
 
     data: tuple[CameraData, ...]
     priors: tuple[CameraPrior, ...]
+
+    def thinned(self, every: int) -> "Problem":
+        """The same problem with only each so-many-th row."""
+        return replace(self, data=tuple(seen.rows(slice(None, None, every)) for seen in self.data))
+
+    @property
+    def row_count(self) -> int:
+        """Rows of all cameras together."""
+        return sum(len(seen.t_s) for seen in self.data)
+
+    @property
+    def interval_s(self) -> Array:
+        """(C,) time between a camera's rows."""
+        return np.array([np.median(np.diff(seen.t_s)) for seen in self.data], float)
 
 
 @dataclass(frozen=True)
@@ -49,11 +64,23 @@ class Adjusted:
     rounds: int
 
 
-def adjust(problem: Problem, estimate: Estimate, weights: Weights, rounds: int = ROUNDS) -> Adjusted:
+def adjust(problem: Problem, estimate: Estimate, weights: Weights) -> Adjusted:
     """Adjust everything together, weights included, starting with `weights`: rather too wide than too narrow.
 
+    Large problems are settled on a part of their rows first: rows a thirtieth of a second apart say nearly the same.
     Raises CalibrationError if the observations leave a direction undetermined.
     """
+    every = problem.row_count // COARSE_ROWS
+    if every > 1:
+        coarse = problem.thinned(every)
+        settled = adjust_rounds(coarse, estimate, replace(weights, interval_s=coarse.interval_s), ROUNDS)
+        weights = replace(settled.weights, interval_s=problem.interval_s)
+        return adjust_rounds(problem, settled.estimate, weights, LAST_ROUNDS)
+    return adjust_rounds(problem, estimate, weights, ROUNDS)
+
+
+def adjust_rounds(problem: Problem, estimate: Estimate, weights: Weights, rounds: int) -> Adjusted:
+    """Adjust all rows, at most `rounds` times with weights renewed in between."""
     for count in range(1, rounds + 1):
         at = _descend(_Point.of(problem, estimate, weights))
         estimate, normal = at.estimate, at.normal()
@@ -111,8 +138,7 @@ class _Point:
             for index, correlated in enumerate(self.weights.correlated)
         )
         for camera, prior in zip(self.estimate.cameras, self.problem.priors, strict=True):
-            away, (up, _) = prior.deviation(camera), prior.up_residual(camera)
-            total += float(away @ prior.information() @ away + up @ up)
+            total += prior.cost(camera)
         third = jerk(self.estimate.flight, self.estimate.control)
         return total + float((third**2).sum()) * self.estimate.flight.spacing_s * self.weights.jerk_weight
 
@@ -127,7 +153,7 @@ class _Point:
             normal.add_observations(
                 image.located, image.by_point * whiten, image.by_camera * whiten, image.residual * whiten[:, 0], at
             )
-            _add_prior(normal, at, self.problem.priors[index], self.estimate.cameras[index])
+            normal.add_prior(at, *self.problem.priors[index].pull(self.estimate.cameras[index]))
         _add_smoothness(normal, self.estimate, self.weights.jerk_weight)
         return normal
 
@@ -168,16 +194,6 @@ def _factorise(normal: Normal) -> Factor:
             where="adjustment",
             action="fly a path with more height and width, or survey more cameras",
         ) from error
-
-
-def _add_prior(normal: Normal, at: slice, prior: CameraPrior, camera: Camera) -> None:
-    information = prior.information()
-    normal.corner[at, at] += information
-    normal.right_camera[at] -= information @ prior.deviation(camera)
-    up, by_rotation = prior.up_residual(camera)
-    rotation = slice(at.start + ROTATION.start, at.start + ROTATION.stop)
-    normal.corner[rotation, rotation] += by_rotation.T @ by_rotation
-    normal.right_camera[rotation] -= by_rotation.T @ up
 
 
 def _add_smoothness(normal: Normal, estimate: Estimate, jerk_weight: float) -> None:

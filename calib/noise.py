@@ -8,7 +8,7 @@ from edge.lens import Array
 
 CORE: Final = 2.5  # sigma: 95.6 % of good two-dimensional residuals lie within, 95 % efficiency is kept
 RAYLEIGH_MEDIAN: Final = 1.1774  # median length of a two-dimensional normal vector of unit sigma
-SMALLEST_SIGMA_PX: Final = 1e-11  # keeps a noiseless simulation from dividing by zero; rounding is 1e-13 px
+SMALLEST_SIGMA_PX: Final = 1e-8  # below it pixels outweigh priors by more than a double holds
 
 
 def robust_weight(length: Array) -> Array:

@@ -29,12 +29,13 @@ class Normal:
     """Normal matrix and right-hand side, added up camera by camera.
 
     block: (ORDER, M, 3, 3), block[k, m] couples control points m and m + k. border: (M, 3, K). corner: (K, K).
-    right_control: (M, 3). right_camera: (K,).
+    prior: (K, K) the part of the corner that priors put there. right_control: (M, 3). right_camera: (K,).
     """
 
     block: Array
     border: Array
     corner: Array
+    prior: Array
     right_control: Array
     right_camera: Array
 
@@ -44,6 +45,7 @@ class Normal:
         return cls(
             np.zeros((ORDER, controls, 3, 3)),
             np.zeros((controls, 3, border)),
+            np.zeros((border, border)),
             np.zeros((border, border)),
             np.zeros((controls, 3)),
             np.zeros(border),
@@ -67,6 +69,12 @@ class Normal:
         columns = by_camera.reshape(2 * n, -1)
         self.corner[at, at] += columns.T @ columns
         self.right_camera[at] -= columns.T @ residual.ravel()
+
+    def add_prior(self, at: slice, information: Array, gradient: Array) -> None:
+        """Add what is known of one camera: information (K', K'), and the gradient (K',) of half its cost."""
+        self.corner[at, at] += information
+        self.prior[at, at] += information
+        self.right_camera[at] -= gradient
 
 
 def _scatter(weights: Array, first: NDArray[np.int64], controls: int) -> csr_matrix:

@@ -72,6 +72,20 @@ class CameraPrior:
         away[self.fixed] = 0.0
         return away
 
+    def cost(self, camera: Camera) -> float:
+        """What the camera costs by being elsewhere than expected, in squared sigmas."""
+        away, (up, _) = self.deviation(camera), self.up_residual(camera)
+        return float(away @ self.information() @ away + up @ up)
+
+    def pull(self, camera: Camera) -> tuple[Array, Array]:
+        """(14, 14) information, and the gradient (14,) of half the cost, at a camera."""
+        information = self.information()
+        gradient = information @ self.deviation(camera)
+        up, by_rotation = self.up_residual(camera)
+        information[ROTATION, ROTATION] += by_rotation.T @ by_rotation
+        gradient[ROTATION] += by_rotation.T @ up
+        return information, gradient
+
     def up_residual(self, camera: Camera) -> tuple[Array, Array]:
         """(3,) whitened misfit of the up direction and its (3, 3) derivative by the rotation; zeros if unknown."""
         if self.up_cam is None:
@@ -100,6 +114,16 @@ def camera_priors(
     reference = time_reference(cameras, sites)
     return tuple(
         _camera_prior(camera, sites[camera.id], camera.id == reference, camera.id in disbelieved) for camera in cameras
+    )
+
+
+def held(camera: Camera, prior: CameraPrior) -> Camera:
+    """The camera with every unknown that is not estimated where it is expected to be."""
+    return replace(
+        camera,
+        clock_offset_s=prior.mean.clock_offset_s if prior.fixed[OFFSET] else camera.clock_offset_s,
+        clock_rate=prior.mean.clock_rate if prior.fixed[RATE] else camera.clock_rate,
+        readout_s=prior.mean.readout_s if prior.fixed[READOUT] else camera.readout_s,
     )
 
 

@@ -39,6 +39,10 @@ class CameraData:
     target: NDArray[np.int64]
     sigma_px: Array
 
+    def rows(self, which: slice | NDArray[np.bool_]) -> "CameraData":
+        """Only some of the rows."""
+        return CameraData(self.t_s[which], self.pixels[which], self.target[which], self.sigma_px[which])
+
 
 @dataclass(frozen=True)
 class Projected:

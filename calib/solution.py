@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from calib.bundle import Adjusted, Problem
 from calib.evidence import Evidence
 from calib.network import POSE_SIZE, Network
-from calib.normal import local_covariance
 from calib.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT, CameraData, site_time_s
-from calib.spline import ORDER, Flight, Located, evaluate
+from calib.spline import Flight, evaluate
+from calib.uncertainty import camera_covariance, position_covariance
 from edge.lens import Array, LensModel
 
 ROWS_PER_S: Final = 20  # of a trajectory
@@ -105,13 +105,6 @@ def network_of(
     pose = np.concatenate([CAMERA_SIZE * i + np.arange(POSE_SIZE) for i in range(len(cameras))])
     covariance = camera_covariance(adjusted, problem)[np.ix_(pose, pose)]
     return Network(site, origin, t_mid_unix_ns, cameras, covariance, rms_px(adjusted, problem))
-
-
-def camera_covariance(adjusted: Adjusted, problem: Problem) -> Array:
-    """(14 C, 14 C) covariance of all cameras' unknowns; zero for those held fixed."""
-    free = np.concatenate([np.where(prior.fixed, 0.0, 1.0) for prior in problem.priors])
-    covariance: Array = adjusted.factor.camera_covariance * free[:, None] * free
-    return covariance
 
 
 def rms_px(adjusted: Adjusted, problem: Problem) -> float:
@@ -217,15 +210,3 @@ def _cameras_at(t_s: Array, target: int, seen: list[tuple[Array, CameraData]]) -
             before = np.maximum(after - 1, 0)
             count += np.minimum(np.abs(own[after] - t_s), np.abs(t_s - own[before])) <= SEEN_WITHIN_S
     return count
-
-
-def position_covariance(adjusted: Adjusted, problem: Problem, located: Located) -> Array:
-    """(N, 3, 3) covariance of positions on the flight: the flight's own and, through it, the cameras'."""
-    w, four = located.weights(), located.controls()
-    own = local_covariance(adjusted.normal.block)[located.first]
-    covariance = np.einsum("ni,niajb,nj->nab", w, own, w, optimize=True)
-    cameras = camera_covariance(adjusted, problem)
-    carried = adjusted.factor.carried.reshape(-1, 3, len(cameras))
-    moved = sum(w[:, i, None, None] * carried[four[:, i]] for i in range(ORDER))
-    total: Array = covariance + (moved @ cameras) @ np.transpose(moved, (0, 2, 1))
-    return total

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.flight import Estimate, jerk
 from calib.noise import SMALLEST_SIGMA_PX, mean_square_px
@@ -84,7 +85,7 @@ def renewed(old: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], normal
     sigma = np.sqrt((own * variance + COMMON_FREEDOMS * common) / (own + COMMON_FREEDOMS))
     lost = float(np.exp(np.mean(np.log(old.sigma_px / sigma)))) ** 2
     shortest = float(old.interval_s.min())
-    spread = disagreement(old, estimate, fitted, factor)
+    spread = disagreement(old, estimate, fitted, normal, factor)
     correlation = max(max(old.correlation_s, shortest) * spread * lost, shortest)
     return Weights(sigma, old.interval_s, correlation, _jerk_density(estimate, local / old.typical_correlated))
 
@@ -106,44 +107,56 @@ def _leverage(weighing_sigma_px: float, part: Fitted, local: Array) -> float:
     return float((used * information).sum() / (2 * max(part.kept.sum(), 1.0)))
 
 
-def disagreement(weights: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], factor: Factor) -> float:
+def disagreement(old: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], normal: Normal, factor: Factor) -> float:
     """How much more the parts of the flight disagree about the cameras than the weights say they may; 1 is right.
 
     The scores of blocks of time (the flight eliminated) against the information they claim: the sandwich of Huber
     (1967) and White (1980), clustered in time, reduced to one number by the trace.
     """
-    K = len(factor.camera_covariance)
-    carried = factor.carried.reshape(-1, 3, K)
-    length = _block_length_s(estimate)
-    scores: dict[int, Array] = {}
-    claimed = 0.0
-    for index, part in enumerate(fitted):
-        jacobian = _reduced(index, part, carried)
-        root = np.sqrt(part.kept) / (weights.weighing_sigma_px[index] * part.data.sigma_px)
-        whitened = (jacobian * root[:, None, None]).reshape(-1, K)
-        claimed += float(((whitened @ factor.camera_covariance) * whitened).sum())
-        pull = np.einsum("nij,ni->nj", jacobian, part.image.residual * (root**2)[:, None])
-        block = np.floor(site_time_s(estimate.cameras[index], part.data) / length).astype(int)
-        for number in np.unique(block):
-            scores[int(number)] = scores.get(int(number), 0.0) + pull[block == number].sum(0)
+    scores = _block_scores(old, estimate, fitted, factor)
+    claimed = _claimed(old, estimate, normal, factor)
     if claimed <= 0 or len(scores) < FEWEST_BLOCKS // 2:
         return 1.0
-    score = np.array([scores[number] for number in sorted(scores)])
-    return float(((score @ factor.camera_covariance) * score).sum()) / claimed
+    return float(((scores @ factor.camera_covariance) * scores).sum()) / claimed
 
 
-def _block_length_s(estimate: Estimate) -> float:
+def _block_scores(old: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], factor: Factor) -> Array:
+    """(blocks, K) pull of each block of time on the cameras, the flight following them."""
+    controls, K = len(estimate.control), len(factor.camera_covariance)
+    blocks = [_blocks(estimate, index, part) for index, part in enumerate(fitted)]
+    count = 1 + max(int(block.max(initial=0)) for block in blocks)
+    on_cameras, on_flight = np.zeros((count, K)), np.zeros((count * controls, 3))
+    for index, (part, block) in enumerate(zip(fitted, blocks, strict=True)):
+        weight = part.kept / (old.weighing_sigma_px[index] * part.data.sigma_px) ** 2
+        weighted = part.image.residual * weight[:, None]
+        at = slice(CAMERA_SIZE * index, CAMERA_SIZE * (index + 1))
+        np.add.at(on_cameras[:, at], block, np.einsum("nij,ni->nj", part.image.by_camera, weighted))
+        pull = np.einsum("nij,ni->nj", part.image.by_point, weighted)
+        row = (block * controls)[:, None] + part.image.located.controls()
+        spread = part.image.located.weights()[:, :, None] * pull[:, None, :]
+        for axis in range(3):
+            on_flight[:, axis] += np.bincount(row.ravel(), spread[:, :, axis].ravel(), count * controls)
+    scores: Array = on_cameras - on_flight.reshape(count, -1) @ factor.carried
+    return scores[np.any(scores != 0, axis=1)]
+
+
+def _blocks(estimate: Estimate, index: int, part: Fitted) -> NDArray[np.int64]:
+    """(N,) which block of time each row of a camera falls into."""
     flown = float((estimate.flight.end_s - estimate.flight.start_s).sum())
-    return min(LONGEST_BLOCK_S, flown / FEWEST_BLOCKS)
+    length = min(LONGEST_BLOCK_S, flown / FEWEST_BLOCKS)
+    since = site_time_s(estimate.cameras[index], part.data) - float(estimate.flight.start_s.min())
+    return np.maximum(np.floor(since / length), 0).astype(np.int64)
 
 
-def _reduced(index: int, part: Fitted, carried: Array) -> Array:
-    """(N, 2, K) derivative by all cameras' unknowns, the flight following them as the normal equations make it."""
-    w, four = part.image.located.weights(), part.image.located.controls()
-    follows = sum(w[:, i, None, None] * carried[four[:, i]] for i in range(ORDER))
-    jacobian: Array = -part.image.by_point @ follows
-    jacobian[:, :, CAMERA_SIZE * index : CAMERA_SIZE * (index + 1)] += part.image.by_camera
-    return jacobian
+def _claimed(old: Weights, estimate: Estimate, normal: Normal, factor: Factor) -> float:
+    """How many unknowns' worth of information on the cameras the pixels claim: all, less what priors and jerk say."""
+    K = len(factor.camera_covariance)
+    by_priors = float((factor.camera_covariance * normal.prior).sum())
+    carried = factor.carried.reshape(-1, 3 * K)
+    four = carried[estimate.flight.piece_controls[:, None] + np.arange(ORDER)]
+    third = np.einsum("k,nkd->nd", THIRD_DIFFERENCE, four).reshape(-1, K)
+    by_jerk = float(((third @ factor.camera_covariance) * third).sum()) * old.jerk_weight / estimate.flight.spacing_s**5
+    return K - by_priors - by_jerk
 
 
 def _jerk_density(estimate: Estimate, local: Array) -> float:
