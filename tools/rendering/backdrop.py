@@ -24,7 +24,8 @@ ZENITH_BGR: Final = np.array([186.0, 134.0, 84.0])
 CLOUD_BGR: Final = np.array([38.0, 54.0, 70.0])  # added where a cloud is thickest
 LEAF_BGR: Final = np.array([38.0, 62.0, 50.0])
 SUN_AZIMUTH_DEG, SUN_ELEVATION_DEG = 215.0, 38.0
-DRIFT_PX_S: Final = 5.0  # of the clouds, to the left
+DRIFT_PX_S: Final = 2.0  # of the clouds, to the left: 10 m/s at 4 km and 800 px
+CLOUD_SLOPE: Final = 2.3  # of their spectrum: real ones have no edges as sharp as an object's
 SWAY_HZ: Final = (0.45, 1.1)  # of branches and of twigs
 SWAY_PX: Final = 2.2  # at 1000 px focal length
 NOISE_MARGIN: Final = 256  # px by which the bank of noise is larger than a frame
@@ -32,9 +33,13 @@ NOISE_MARGIN: Final = 256  # px by which the bank of noise is larger than a fram
 
 @dataclass(frozen=True)
 class Trees:
-    """The part of the image that trees cover: its first row, picture, matte (0..1) and two sway fields in pixels."""
+    """The part of the image that trees cover: its first row, picture, matte (0..1) and two sway fields in pixels.
+
+    ground: row of the picture from which on it covers all and stands still; sway, columns and rows end there.
+    """
 
     top: int
+    ground: int
     picture: Image
     matte: Float32
     sway: tuple[Float32, Float32]
@@ -67,11 +72,14 @@ class Backdrop:
         trees = self.trees
         slow, quick = (np.float32(np.sin(2 * np.pi * hertz * t_s)) for hertz in SWAY_HZ)
         columns = trees.columns + slow * trees.sway[0] + quick * trees.sway[1]
-        picture = cv2.remap(trees.picture, columns, trees.rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-        matte = cv2.remap(trees.matte, columns, trees.rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-        part = image[trees.top :]
-        part[:] = cv2.blendLinear(picture, part, matte, 1 - matte)
-        return np.asarray(matte, np.float32)
+        picture, matte = (
+            cv2.remap(source, columns, trees.rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+            for source in (trees.picture, trees.matte)
+        )
+        ground = trees.top + trees.ground
+        image[trees.top : ground] = cv2.blendLinear(picture, image[trees.top : ground], matte, 1 - matte)
+        image[ground:] = trees.picture[trees.ground :]
+        return np.concatenate([matte, trees.matte[trees.ground :]])
 
     def grain(self, image: Image, rng: np.random.Generator) -> Image:
         """The image with sensor noise."""
@@ -136,7 +144,7 @@ def _turbulence(height: int, width: int, slope: float, rng: np.random.Generator)
 
 def _clouds(width: int, height: int, cover: float, rng: np.random.Generator) -> Image:
     """(H, 2 W, 3) brightness that clouds add, the same in both halves."""
-    field = _turbulence(height, width, 1.7, rng)
+    field = _turbulence(height, width, CLOUD_SLOPE, rng)
     threshold = np.quantile(field, 1 - max(cover, 1e-3))
     thickness = np.clip((field - threshold) / 1.2, 0, 1) if cover > 0 else np.zeros_like(field)
     return np.tile(_image(thickness[..., None] * CLOUD_BGR), (1, 2, 1))
@@ -148,7 +156,7 @@ def _trees(
     """Tree tops along the horizon, and all below; None where the camera does not see so low."""
     height, width = elevation.shape
     skyline = _skyline_deg(azimuth, foliage, rng)
-    leaves = _turbulence(height, width, 0.6, rng)
+    leaves = _turbulence(height, width, 0.9, rng)
     matte = np.clip((skyline + 0.5 * leaves - elevation) / 0.25 + 0.5, 0, 1)
     if foliage == 0.0:
         matte = np.clip(-elevation / 0.1 + 0.5, 0, 1)
@@ -160,11 +168,14 @@ def _trees(
     picture = _image(light[..., None] * LEAF_BGR)
     # Only what rises above the ground moves.
     strength = foliage * SWAY_PX * camera.lens.intrinsics[0] / 1000.0 * np.clip(elevation / 2.0 + 0.3, 0, 1)
-    sway = tuple(
-        np.asarray((strength * _turbulence(height, width, slope, rng))[top:], np.float32) for slope in (2.0, 1.2)
-    )
-    u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height - top, dtype=np.float32))
-    return Trees(top, picture[top:], np.asarray(matte[top:], np.float32), (sway[0], sway[1]), u, v)
+    restless = np.flatnonzero(((strength > 0) | (matte < 1)).any(axis=1))
+    ground = int(restless[-1]) + 1 if len(restless) else top
+    fields = [
+        np.asarray((strength * _turbulence(height, width, slope, rng))[top:ground], np.float32) for slope in (2.0, 1.2)
+    ]
+    u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(ground - top, dtype=np.float32))
+    whole = np.asarray(matte[top:], np.float32)
+    return Trees(top, ground - top, picture[top:], whole, (fields[0], fields[1]), u, v)
 
 
 def _skyline_deg(azimuth: Float32, foliage: float, rng: np.random.Generator) -> Float32:
