@@ -24,6 +24,7 @@ from edge.lens import Array
 ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
 LAST_ROUNDS: Final = 3  # with all rows, once a part of them is settled
 COARSE_ROWS: Final = 8000  # enough for a hundred unknowns at any correlation
+FEWEST_KEPT: Final = 100  # of each camera's rows, however many the others have
 STEPS: Final = 8  # of Gauss-Newton between two rounds
 SETTLED: Final = 1e-3  # relative change of the cost below which a round is done
 WORST_SIGMAS: Final = 30.0  # what an observation without an image costs
@@ -38,8 +39,11 @@ class Problem:
     priors: tuple[CameraPrior, ...]
 
     def thinned(self, every: int) -> "Problem":
-        """The same problem with only each so-many-th row."""
-        return replace(self, data=tuple(seen.rows(slice(None, None, every)) for seen in self.data))
+        """The same problem with only each so-many-th row, but not next to none of any camera's."""
+        steps = [max(1, min(every, len(seen.t_s) // FEWEST_KEPT)) for seen in self.data]
+        return replace(
+            self, data=tuple(seen.rows(slice(None, None, step)) for seen, step in zip(self.data, steps, strict=True))
+        )
 
     @property
     def row_count(self) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 from calib.errors import CalibrationError
 from calib.observations import Scene, SiteCamera
 from calib.series import Track, split_tracks
+from edge.lens import LensModel
 
 FEWEST_ROWS: Final = 30  # of a camera: below it there is nothing to align
 
@@ -26,8 +27,8 @@ class Material:
     left_out: dict[str, str]
 
 
-def prepare(scene: Scene, *, local: bool = False) -> Material:
-    """Sort a scene out. local: surveyed positions are not used.
+def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] | None = None) -> Material:
+    """Sort a scene out. local: surveyed positions are not used. lenses: better than the site's, to read tracks with.
 
     Raises CalibrationError if fewer than two cameras saw anything.
     """
@@ -42,7 +43,7 @@ def prepare(scene: Scene, *, local: bool = False) -> Material:
         )
     starts, ends = zip(*((int(own.t_unix_ns[0]), int(own.t_unix_ns[-1])) for own in seen.values()), strict=True)
     t_mid = (int(np.median(starts)) + int(np.median(ends))) // 2
-    split = {name: split_tracks(own, sites[name].lens, t_mid) for name, own in seen.items()}
+    split = {name: split_tracks(own, (lenses or {}).get(name, sites[name].lens), t_mid) for name, own in seen.items()}
     for name in [name for name, own in split.items() if not own]:
         left_out[name] = "no track of ten rows lies within its lens model: check its lens file and resolution"
     return Material(scene, t_mid, sites, {name: own for name, own in split.items() if own}, left_out)

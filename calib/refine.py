@@ -18,7 +18,8 @@ from calib.bootstrap import first_estimate
 from calib.bundle import Adjusted, Problem, adjust
 from calib.errors import CalibrationError
 from calib.flight import Estimate
-from calib.material import Material
+from calib.material import FEWEST_ROWS, Material
+from calib.network import Camera
 from calib.priors import FIXED, CameraPrior, camera_priors, held
 from calib.projection import CAMERA_SIZE, CENTRE, ROTATION
 from calib.survey_check import FALSE_ALARM, GAUGE, NetworkCheck, check_survey
@@ -50,13 +51,18 @@ def refine(material: Material, beginning: Beginning, knots_s: float, weights: We
     left_out: dict[str, str] = {}
     while True:
         problem, estimate = _problem(material, beginning, knots_s)
+        blind = [c.id for c, seen in zip(estimate.cameras, problem.data, strict=True) if len(seen.t_s) < FEWEST_ROWS]
+        if blind:
+            left_out[blind[0]] = "it hardly ever saw an object that another camera saw at the same time"
+            beginning = _without(beginning, beginning.cameras, blind[0])
+            continue
         if weights is None or len(weights.sigma_px) != len(estimate.cameras):
             weights = _first_weights(problem, estimate)
         adjusted = adjust(problem, estimate, weights)
         outcast = _outcast(adjusted, problem)
         if outcast:
             left_out[outcast[0]] = outcast[1]
-            beginning = _without(beginning, adjusted, outcast[0])
+            beginning = _without(beginning, adjusted.estimate.cameras, outcast[0])
         elif (wrong := _wrong_position(adjusted, problem)) and beginning.gauge is None:
             beginning = replace(
                 beginning,
@@ -105,9 +111,9 @@ def _first_weights(problem: Problem, estimate: Estimate) -> Weights:
     return Weights(sigma, problem.interval_s, 0.0, max(speed, 1e-3) ** 2)
 
 
-def _without(beginning: Beginning, adjusted: Adjusted, name: str) -> Beginning:
+def _without(beginning: Beginning, cameras: tuple[Camera, ...], name: str) -> Beginning:
     """Begin again without a camera. Raises CalibrationError if fewer than two are left, or it held the frame."""
-    cameras = tuple(camera for camera in adjusted.estimate.cameras if camera.id != name)
+    cameras = tuple(camera for camera in cameras if camera.id != name)
     if len(cameras) < 2 or name in (beginning.gauge or ()):
         raise CalibrationError(
             f"{name} does not fit, and without it nothing can be calibrated",

@@ -57,7 +57,8 @@ def solve(scene: Scene, options: SolveOptions = DEFAULTS, start: Network | None 
     start: a network to begin with, instead of a scaffold. Raises CalibrationError, with what to do, if the
     observations or the survey do not determine the network.
     """
-    material = prepare(scene, local=options.local)
+    lenses = {camera.id: camera.lens for camera in start.cameras} if start else None
+    material = prepare(scene, local=options.local, lenses=lenses)
     if start:
         beginning = from_network(material, start)
     else:
