@@ -10,12 +10,13 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
-from calib.bundle import Adjusted, Problem, adjust
+from calib.bundle import Adjusted, Problem, adjust_rounds
 from calib.noise import RAYLEIGH_MEDIAN, robust_weight
-from calib.projection import CAMERA_SIZE, CENTRE, CameraData, Projected, project, site_time_s
-from calib.survey_check import GAUGE, NetworkCheck, check_survey
+from calib.projection import CameraData, Projected, project, site_time_s
+from calib.refine import survey_check
+from calib.survey_check import NetworkCheck
+from calib.uncertainty import prediction_px2
 from edge.lens import Array
 
 GRID: Final = (6, 8)  # rows and columns the image is cut into: a lens's errors are smooth, and each cell needs rows
@@ -28,10 +29,12 @@ FEWEST_HELD: Final = 20  # rows, below which a held-out residual says nothing
 class ByPlace:
     """Residuals (predicted minus seen) by place in the image.
 
-    rows: (6, 8) int64 how many; mean_px: (6, 8, 2), robust, NaN where there are none; size_px: of the image.
+    rows: (6, 8) int64 how many; weight: (6, 8) how many of them count, outliers being next to nothing; mean_px:
+    (6, 8, 2) of those, NaN where there are none; size_px: of the image.
     """
 
     rows: NDArray[np.int64]
+    weight: Array
     mean_px: Array
     size_px: tuple[int, int]
 
@@ -42,20 +45,21 @@ class ByPlace:
 
     @property
     def pattern_px(self) -> float:
-        """Root mean square of the cells' means, each as often as it has rows: what a wrong lens leaves."""
-        seen = self.rows > 0
+        """Root mean square of the cells' means, by their weight: what a wrong lens leaves."""
+        seen = self.weight > 0
         square = (self.mean_px[seen] ** 2).mean(axis=1)
-        return float(np.sqrt(np.average(square, weights=self.rows[seen]))) if seen.any() else 0.0
+        return float(np.sqrt(np.average(square, weights=self.weight[seen]))) if seen.any() else 0.0
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Rows that were predicted, not fitted. predicted_px: one sigma a coordinate, robust; fitted_px: the same rows'
-    residual when they took part; rows: how many.
+    """Rows that were predicted, not fitted. predicted_px: one sigma a coordinate, robust; expected_px: what the
+    adjustment without them expected that to be; fitted_px: their residual when they took part; rows: how many.
     """
 
     rows: int
     predicted_px: float
+    expected_px: float
     fitted_px: float
 
 
@@ -64,17 +68,19 @@ class Evidence:
     """Per camera, in the order of the network: by_place and held_out (None: too few rows that two others see).
 
     shared_rows: (C, C) rows of camera i within SUPPORT_S of a row of camera j of the same object; diagonal: all rows.
-    survey: the surveyed positions against the cameras; None with fewer than three surveyed.
+    survey: the surveyed positions against the cameras; None with fewer than three surveyed. covariance: (14 C, 14 C)
+    of all the cameras' unknowns in the order of projection.py: an attitude and a principal point err together.
     """
 
     by_place: tuple[ByPlace, ...]
     held_out: tuple[HeldOut | None, ...]
     shared_rows: NDArray[np.int64]
     survey: NetworkCheck | None
+    covariance: Array
 
 
 def gather(adjusted: Adjusted, problem: Problem, covariance: Array) -> Evidence:
-    """All of it, at about the cost of one round of the adjustment. covariance: (14 C, 14 C) of all cameras' unknowns."""
+    """All of it; costs about a round of the adjustment. covariance: (14 C, 14 C) of the cameras' unknowns."""
     near = _near(adjusted, problem)
     shared = np.array([[int(other.sum()) for other in own] for own in near], np.int64)
     places = tuple(
@@ -83,20 +89,8 @@ def gather(adjusted: Adjusted, problem: Problem, covariance: Array) -> Evidence:
             adjusted.projected, problem.data, adjusted.estimate.cameras, adjusted.weights.sigma_px, strict=True
         )
     )
-    return Evidence(places, _held_out(adjusted, problem, near), shared, _survey(adjusted, problem, covariance))
-
-
-def _survey(adjusted: Adjusted, problem: Problem, covariance: Array) -> NetworkCheck | None:
-    surveyed = [i for i, prior in enumerate(problem.priors) if prior.centre_information.any()]
-    if 3 * len(surveyed) <= GAUGE:
-        return None
-    centres = np.concatenate([CAMERA_SIZE * i + np.arange(CENTRE.start, CENTRE.stop) for i in surveyed])
-    return check_survey(
-        [adjusted.estimate.cameras[i].id for i in surveyed],
-        np.array([problem.priors[i].mean.centre_enu for i in surveyed]),
-        block_diag(*(np.linalg.inv(problem.priors[i].centre_information) for i in surveyed)),
-        np.array([adjusted.estimate.cameras[i].centre_enu for i in surveyed]),
-        covariance[np.ix_(centres, centres)],
+    return Evidence(
+        places, _held_out(adjusted, problem, near), shared, survey_check(adjusted, problem), covariance
     )
 
 
@@ -134,7 +128,7 @@ def _by_place(image: Projected, data: CameraData, size_px: tuple[int, int], sigm
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.stack([one / total for one in sums], axis=1).reshape(rows, columns, 2)
     count = np.bincount(cell, image.valid, rows * columns).astype(np.int64).reshape(rows, columns)
-    return ByPlace(count, np.where(count[:, :, None] > 0, mean, np.nan), size_px)
+    return ByPlace(count, np.asarray(total.reshape(rows, columns), float), mean, size_px)
 
 
 def _held_out(adjusted: Adjusted, problem: Problem, near: list[list[NDArray[np.bool_]]]) -> tuple[HeldOut | None, ...]:
@@ -143,16 +137,19 @@ def _held_out(adjusted: Adjusted, problem: Problem, near: list[list[NDArray[np.b
     Only rows that two other cameras see: what one ray leaves open is no test of anything.
     """
     masks = _masks(adjusted, problem, near)
-    kept = tuple(_rows(data, ~mask) for data, mask in zip(problem.data, masks, strict=True))
-    again = adjust(replace(problem, data=kept), adjusted.estimate, adjusted.weights, rounds=1).estimate
+    kept = tuple(data.rows(~mask) for data, mask in zip(problem.data, masks, strict=True))
+    again = adjust_rounds(replace(problem, data=kept), adjusted.estimate, adjusted.weights, 1)
     results: list[HeldOut | None] = []
     for index, mask in enumerate(masks):
-        image = project(again.cameras[index], _rows(problem.data[index], mask), again.flight, again.control)
+        rows, estimate = problem.data[index].rows(mask), again.estimate
+        image = project(estimate.cameras[index], rows, estimate.flight, estimate.control)
         fitted = adjusted.projected[index].residual[mask]
         if int(mask.sum()) < FEWEST_HELD:
             results.append(None)
         else:
-            results.append(HeldOut(int(mask.sum()), _sigma_px(image.residual), _sigma_px(fitted)))
+            noise = (adjusted.weights.sigma_px[index] * rows.sigma_px) ** 2
+            expected = float(np.sqrt(np.median(prediction_px2(again, problem, index, image) + noise)))
+            results.append(HeldOut(int(mask.sum()), _sigma_px(image.residual), expected, _sigma_px(fitted)))
     return tuple(results)
 
 
@@ -165,10 +162,6 @@ def _masks(adjusted: Adjusted, problem: Problem, near: list[list[NDArray[np.bool
         others = sum(near[index][j].astype(int) for j in range(count) if j != index)
         masks.append(turn & (others >= 2) & adjusted.projected[index].valid)
     return masks
-
-
-def _rows(data: CameraData, mask: NDArray[np.bool_]) -> CameraData:
-    return CameraData(data.t_s[mask], data.pixels[mask], data.target[mask], data.sigma_px[mask])
 
 
 def _sigma_px(residual: Array) -> float:

@@ -14,6 +14,7 @@ from calib.observations import Observations, Scene
 from calib.solution import Solution
 from calib.solve import SolveOptions, solve
 from calib.station import recorded, trackfolder
+from calib.station.report import write_report
 from edge.atomic import write_atomically
 from edge.errors import ConfigError
 
@@ -73,6 +74,7 @@ def write(solution: Solution, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "network.toml", network.to_toml(solution.network).encode())
     trackfolder.write_trajectory(solution.trajectory, solution.network.origin, folder / "trajectory.csv")
+    write_report(solution, folder)
 
 
 def summary(solution: Solution, folder: Path) -> str:

@@ -17,7 +17,7 @@ body { margin: 0; background: var(--back); color: var(--ink); font: 15px/1.5 sys
 main { max-width: 1120px; margin: 0 auto; padding: 24px 16px 64px }
 section, header { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 18px 22px;
   margin-bottom: 16px }
-h1 { font-size: 26px; margin: 0 } h2 { font-size: 18px; margin: 0 0 8px } p { margin: 6px 0; max-width: 75ch }
+h1 { font-size: 26px; margin: 0 } h2 { font-size: 18px; margin: 0 0 8px } p { margin: 6px 0; max-width: 95ch }
 .soft { color: var(--soft) }
 .head { display: flex; gap: 22px; align-items: center; flex-wrap: wrap }
 .grade { font-size: 54px; font-weight: 700; line-height: 1; width: 92px; height: 92px; border-radius: 16px;
@@ -30,10 +30,10 @@ h1 { font-size: 26px; margin: 0 } h2 { font-size: 18px; margin: 0 0 8px } p { ma
 dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 12px; margin: 16px 0 0 }
 dt { color: var(--soft); font-size: 13px } dd { margin: 0; font-size: 20px; font-weight: 600 }
 .scroll { overflow-x: auto }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
-th, td { text-align: right; padding: 5px 10px; border-bottom: 1px solid var(--line); white-space: nowrap }
+table { border-collapse: collapse; width: 100%; font-size: 14px; font-variant-numeric: tabular-nums }
+th, td { text-align: right; padding: 4px 7px; border-bottom: 1px solid var(--line); white-space: nowrap }
 th { color: var(--soft); font-weight: 600; font-size: 13px; vertical-align: bottom }
-th:first-child, td:first-child, td.words { text-align: left } td.words { white-space: normal; min-width: 220px }
+th:first-child, td:first-child, .words { text-align: left } td.words { white-space: normal; min-width: 220px }
 .pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 430px), 1fr)); gap: 12px }
 figure { margin: 8px 0 0; overflow-x: auto } figcaption { color: var(--soft); font-size: 13px }
 svg { width: 100%; height: auto; display: block }
@@ -113,7 +113,11 @@ def _flight(summary: Summary, figures: dict[str, str]) -> str:
     pair = _figure(figures["map"], "Cameras with what they see left to right; the flight in black.") + _figure(
         figures["3d"], "Lines from the cameras are their optical axes."
     )
-    bands = _figure(figures["axes"], "Bands are one sigma; lines are broken where fewer than two cameras saw it.")
+    bands = _figure(
+        figures["axes"],
+        "Bands are one sigma, thinner than the line where it is small: see the fourth panel (blue east, orange north, "
+        "green up). Lines are broken where fewer than two cameras saw it.",
+    )
     return _section("The flight", text, f'<div class="pair">{pair}</div>{bands}')
 
 
@@ -200,14 +204,18 @@ def _clocks(summary: Summary, figures: dict[str, str]) -> str:
 def _lenses(summary: Summary) -> str:
     head = ["camera", "fx", "fy", "cx", "cy", "k1"]
     rows = [row for camera in summary.cameras for row in _lens_rows(camera)]
-    return _section("Lenses before and after", "In pixels; the last row of each is one sigma.", _table(head, rows))
+    return _section("Lenses before and after", "In pixels.", _table(head, rows))
 
 
 def _lens_rows(c: CameraSummary) -> list[list[str]]:
     before = [f"{v:.1f}" for v in c.intrinsics_before] + [f"{c.k1_before:+.4f}"]
     after = [f"{v:.1f}" for v in c.intrinsics_after] + [f"{c.k1_after:+.4f}"]
     sigma = [f"± {v:.1f}" for v in c.sigma_lens[:4]] + [f"± {c.sigma_lens[4]:.4f}"]
-    return [[f"{escape(c.id)} ({c.lens_model})", *before], ["", *after], ["", *sigma]]
+    return [
+        [f"<strong>{escape(c.id)}</strong>, {c.lens_model}: file", *before],
+        ["estimate", *after],
+        ["one sigma", *sigma],
+    ]
 
 
 def _pairs(summary: Summary, figures: dict[str, str]) -> str:
@@ -273,12 +281,13 @@ def _figure(svg: str, caption: str) -> str:
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]], words: tuple[int, ...] = ()) -> str:
     """Cells are HTML already. words: columns of prose."""
-    cells = (
-        "".join(f'<td class="words">{cell}</td>' if i in words else f"<td>{cell}</td>" for i, cell in enumerate(row))
-        for row in rows
-    )
+
+    def prose(column: int) -> str:
+        return ' class="words"' if column in words else ""
+
+    cells = ("".join(f"<td{prose(i)}>{cell}</td>" for i, cell in enumerate(row)) for row in rows)
     body = "".join(f"<tr>{row}</tr>" for row in cells)
-    top = "".join(f"<th>{name}</th>" for name in head)
+    top = "".join(f"<th{prose(i)}>{name}</th>" for i, name in enumerate(head))
     return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
