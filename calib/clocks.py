@@ -28,11 +28,15 @@ SMALLEST_MISFIT: Final = 1e-24  # keeps the logarithm finite for noiseless track
 
 @dataclass(frozen=True)
 class Alignment:
-    """second's stamps + offset_s = first's time. gain: log ratio of misfits a row; score: gain times rows."""
+    """second's stamps + offset_s = first's time. gain: log ratio of misfits a row; score: gain times rows.
+
+    gain_as_stamped: the gain at no offset at all, -inf if the two share nothing then.
+    """
 
     offset_s: float
     gain: float
     score: float
+    gain_as_stamped: float
 
 
 def align(first: list[Track], second: list[Track], range_s: float = NEAR_S) -> Alignment | None:
@@ -57,7 +61,9 @@ def _align_tracks(one: Track, two: Track, range_s: float) -> Alignment | None:
     misfit, rows = _misfit(one, two, fine)
     at = int(np.argmax(rows * (typical - np.log(misfit))))
     gain = typical - float(np.log(misfit[at]))
-    return Alignment(float(fine[at]), gain, gain * float(rows[at]))
+    (as_stamped,), (shared,) = _misfit(one, two, np.zeros(1))
+    gain_as_stamped = typical - float(np.log(as_stamped)) if shared >= rows[at] / 2 else -np.inf
+    return Alignment(float(fine[at]), gain, gain * float(rows[at]), gain_as_stamped)
 
 
 def _misfit(one: Track, two: Track, offsets: Array) -> tuple[Array, Array]:
@@ -93,26 +99,38 @@ def _spread(rays: Array) -> Array:
     return spread
 
 
-def align_all(tracks: dict[str, list[Track]], range_s: float = NEAR_S) -> dict[str, float]:
-    """Offsets of every camera's clock, seconds to add to its stamps, against the camera with the longest tracks.
+def align_all(
+    tracks: dict[str, list[Track]], range_s: float = NEAR_S, trusted: frozenset[str] = frozenset()
+) -> dict[str, float]:
+    """Seconds to add to each camera's stamps; cameras that no pair convincingly ties to the others are not in it.
 
-    The pairs whose alignment is surest make a tree; a camera that none convinces keeps its own stamps.
+    trusted: cameras whose clocks are known to be right. Between two of them the stamps stand unless the tracks
+    contradict them as convincingly as any alignment must be, and they are never missing from the answer.
     """
     names = sorted(tracks, key=lambda name: -sum(track.duration_s for track in tracks[name]))
     edges = []
     for one, two in combinations(names, 2):
         alignment = align(tracks[one], tracks[two], range_s)
-        if alignment and alignment.gain > CONVINCING:
+        both = one in trusted and two in trusted
+        if alignment and both and alignment.gain - alignment.gain_as_stamped < CONVINCING:
+            edges.append((np.inf, one, two, 0.0))
+        elif alignment and alignment.gain > CONVINCING:
             edges.append((alignment.score, one, two, alignment.offset_s))
-    edges.sort(key=lambda edge: -edge[0])
+    offsets = _spanned(names, sorted(edges, key=lambda edge: -edge[0]))
+    right = [offsets[name] for name in sorted(trusted) if name in offsets]
+    zero = float(np.median(right)) if right else 0.0
+    return {name: 0.0 for name in names if name in trusted} | {name: value - zero for name, value in offsets.items()}
+
+
+def _spanned(names: list[str], edges: list[tuple[float, str, str, float]]) -> dict[str, float]:
+    """Offsets of all cameras that edges (surest first) tie to the first name."""
     offsets = {names[0]: 0.0} if names else {}
     while True:
-        reach = next((e for e in edges if (e[1] in offsets) != (e[2] in offsets)), None)
+        reach = next((edge for edge in edges if (edge[1] in offsets) != (edge[2] in offsets)), None)
         if reach is None:
-            break
+            return offsets
         _, one, two, offset = reach
         if one in offsets:
             offsets[two] = offsets[one] + offset
         else:
             offsets[one] = offsets[two] - offset
-    return offsets
