@@ -85,7 +85,10 @@ def _run(arguments: argparse.Namespace) -> int:
     stop = threading.Event()
     _stop_on_signals(stop)
     with Node(config, arguments.config, stop) as node:
-        return DONE if node.run() else FAILED
+        if node.run():
+            return DONE
+        misused = any(isinstance(worker.error, ConfigError) for worker in node.workers)
+        return MISUSED if misused else FAILED
 
 
 def _only(config: BoxConfig, camera: str | None, file: Path) -> BoxConfig:

@@ -26,7 +26,7 @@ from edge.pipeline import CameraFacts, Pipeline, total_bound_s
 
 TRIED_FRAMES: Final = 10
 RECEIVER_S: Final = 5.0  # a receiver speaks once a second
-LINK_S: Final = 4.0  # opening and hearing of a station takes well under a second on any link that is fit for use
+LINK_S: Final = 2.0  # opening and hearing of a station takes well under a second on any link that is fit for use
 
 
 def resolved(config: BoxConfig) -> str:
@@ -121,7 +121,7 @@ def check_link(config: BoxConfig) -> Check:
     with Link(config.link, name="check") as link:
         presence = link.watch_presence(station_key(config.site))
         if not link.wait_open(LINK_S):
-            return Check("link", "fail", link.error or "no session within 4 s", "check link.connect and the network")
+            return Check("link", "fail", link.error or "no session within 2 s", "check link.connect and the network")
         if presence.get(LINK_S) is None:
             action = "start it; observations are kept meanwhile" if config.spool else "start it"
             return Check("link", "warn", f"no base station of site {config.site} answers", action)

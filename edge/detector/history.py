@@ -10,6 +10,7 @@ from typing import Final
 from edge.capture.frame import Frame, Image
 
 SLACK: Final = 1.5  # kept beyond the furthest offset, so that a late frame still finds its reference
+COMPLETE: Final = 0.8  # of the furthest offset: frames do not fall exactly on it
 LONGEST_GAP_NS: Final = 1_000_000_000  # ns: after such a silence the past says nothing about motion
 
 
@@ -34,6 +35,11 @@ class History:
         last = self._frames[-1]
         in_order = 0 < frame.t_unix_ns - last.t_unix_ns < LONGEST_GAP_NS
         return in_order and frame.segment == last.segment and frame.image.shape == last.image.shape
+
+    @property
+    def complete(self) -> bool:
+        """Whether it reaches back far enough to tell motion from its own beginning."""
+        return self._frames[-1].t_unix_ns - self._frames[0].t_unix_ns >= COMPLETE * max(self._offsets_ns)
 
     def past(self) -> list[Image]:
         """The images nearest in time to each offset before the newest; the oldest there is where history is short."""

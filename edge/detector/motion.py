@@ -34,6 +34,9 @@ class Blobs:
     share: float
 
 
+NO_BLOBS: Final = Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros(0), 0.0)
+
+
 class MotionDetector:
     """Learns how lively each cell of a fixed view is, and proposes what exceeds it."""
 

@@ -74,7 +74,7 @@ class Scanner:
 
     def offer(self, t_unix_ns: int, images: list[Image]) -> None:
         """Show the newest stack; it is scanned if it is time to and no scan is running."""
-        if not self._period_ns or 0 <= self._due_unix_ns - t_unix_ns <= self._period_ns:
+        if not self._period_ns or 0 < self._due_unix_ns - t_unix_ns <= self._period_ns:
             return
         with self._changed:
             if self._work is not None:

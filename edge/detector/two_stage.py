@@ -14,7 +14,7 @@ from edge.config import DetectorConfig
 from edge.detector.crops import Crop, choose, cut, whole
 from edge.detector.detections import Array, Detections, together
 from edge.detector.history import History
-from edge.detector.motion import MotionDetector
+from edge.detector.motion import NO_BLOBS, MotionDetector
 from edge.detector.nms import suppress
 from edge.detector.scan import Scanner
 from edge.detector.skyfix import StackNet
@@ -46,7 +46,7 @@ class TwoStage:
         images = [frame.image, *past]
         interval_s = max(0.0, (frame.t_unix_ns - self._last_t_unix_ns) / 1e9)
         self._last_t_unix_ns = frame.t_unix_ns
-        blobs = self._motion.propose(frame.image, past, interval_s)
+        blobs = self._motion.propose(frame.image, past, interval_s) if self._history.complete else NO_BLOBS
         self._scanner.offer(frame.t_unix_ns, images)
         regions = np.concatenate(
             [
