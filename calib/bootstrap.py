@@ -21,13 +21,14 @@ from calib.priors import READOUT_S
 from calib.projection import CameraData, site_time_s
 from calib.scaffold import Pose
 from calib.series import Track
-from calib.similarity import Similarity, best_swap, fit_similarity, rms, worst_point
+from calib.similarity import Similarity, best_swap, fit_similarity, fit_with_up, rms, worst_point
 from calib.spline import ORDER, Flight, lay_knots
 from calib.twoview import triangulate
 from edge.lens import Array
 
 SUSPICIOUS_MISFIT: Final = 0.08  # of the cameras' spread: a scaffold on unrefined lenses misses its survey by a few %
 CURE: Final = 0.35  # a swap or an omission that shrinks the misfit below this share of it has explained it
+LOOSEST_ROLL_RAD: Final = 0.05  # 5 m at 100 m: beyond it a line of cameras is no survey
 SUPPORT_S: Final = 0.25  # another camera must have seen the object this close in time
 LONGEST_UNSEEN_S: Final = 1.0  # a flight is not continued across a longer gap
 SHORTEST_STRETCH_S: Final = 1.0  # a stretch has nine freedoms besides its jerk
@@ -47,23 +48,46 @@ class Georeference:
 def georeference(poses: dict[str, Pose], cameras: dict[str, SiteCamera]) -> Georeference:
     """The similarity that takes the scaffold to the surveyed positions, wrong ones found and named.
 
-    Raises CalibrationError if fewer than three posed cameras have a position or they stand in a line.
+    Raises CalibrationError if the positions do not fix a frame: fewer than three, or in a line, and no camera says
+    where up is.
     """
     names = [name for name in sorted(poses) if cameras[name].position_enu is not None]
-    if len(names) < 3:
-        raise CalibrationError(
-            f"{len(names)} calibrated cameras have a surveyed position ({', '.join(names) or 'none'}), three must",
-            where="georeferencing",
-            action="survey more tripods, or see that every surveyed camera sees the flight",
-        )
-    source = np.array([poses[name].centre for name in names])
-    target = np.array([cameras[name].position_enu for name in names])
+    source = np.array([poses[name].centre for name in names]).reshape(-1, 3)
+    target = np.array([cameras[name].position_enu for name in names]).reshape(-1, 3)
+    roll_rad = _roll_sigma_rad(target, [cameras[name] for name in names])
+    if len(names) < 3 or roll_rad > LOOSEST_ROLL_RAD:
+        return Georeference(fit_with_up(source, target, _up_directions(names, roll_rad, poses, cameras)))
     fit = fit_similarity(source, target)
     spread = float(np.sqrt(((target - target.mean(0)) ** 2).sum(1).mean()))
     misfit = rms(fit.residual)
     if misfit <= SUSPICIOUS_MISFIT * spread or len(names) < 4:
         return Georeference(fit.similarity)
     return _without_wrong(names, source, target, misfit) or Georeference(fit.similarity)
+
+
+def _roll_sigma_rad(positions: Array, cameras: list[SiteCamera]) -> float:
+    """How well a survey fixes the roll about the line its positions are nearest to, one sigma."""
+    if len(positions) < 3:
+        return np.inf
+    second = float(np.linalg.svd(positions - positions.mean(0), compute_uv=False)[1])
+    variance = np.mean([np.trace(c.position_covariance) / 3 for c in cameras if c.position_covariance is not None])
+    return float(np.sqrt(variance)) / max(second, 1e-9)
+
+
+def _up_directions(names: list[str], roll_rad: float, poses: dict[str, Pose], cameras: dict[str, SiteCamera]) -> Array:
+    """(U, 3) up in the scaffold's frame, from the cameras that know it. Raises CalibrationError if none helps."""
+    ups = [poses[name].R.T @ up for name in sorted(poses) if (up := cameras[name].up_cam) is not None]
+    if len(names) >= 2 and ups:
+        return np.array(ups)
+    if len(names) < 3:
+        fault = f"{len(names)} calibrated cameras have a surveyed position ({', '.join(names) or 'none'}), three must"
+        cure = "survey more tripods and see that all see the flight; two suffice if one says where up is"
+    else:
+        fault = f"the surveyed cameras stand in a line: the roll about it is open by {np.degrees(roll_rad):.0f} degrees"
+        cure = "move a camera off the line, or give one of them"
+    raise CalibrationError(
+        fault, where="georeferencing", action=f"{cure} (up_cam and up_sigma_deg), or solve with --local"
+    )
 
 
 def _without_wrong(names: list[str], source: Array, target: Array, misfit: float) -> Georeference | None:

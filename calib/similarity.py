@@ -7,11 +7,14 @@ one wrongly typed position that a least-squares fit spreads over all the others.
 
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 
 from calib.errors import CalibrationError
 from edge.lens import Array
+
+UP_WEIGHT: Final = 1e-2  # a survey knows the line's direction to a milliradian, a level knows up to a degree
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,23 @@ def fit_similarity(source: Array, target: Array, weight: Array | None = None, *,
     similarity = Similarity(max(scale, np.finfo(float).tiny), rotation, target_mean - scale * rotation @ source_mean)
     singular = np.linalg.svd(a, compute_uv=False)
     return SimilarityFit(similarity, target - similarity.apply(source), float(singular[1] / singular[0]))
+
+
+def fit_with_up(source: Array, target: Array, up_source: Array) -> Similarity:
+    """The similarity of points in a line, or two, the roll about it told by where up is.
+
+    source, target: (N, 3), N >= 2. up_source: (U, 3) unit vectors that point up in the source frame; up in the target
+    is (0, 0, 1). Raises CalibrationError if the points are at one place. Wahba's problem, by SVD (Markley 1988).
+    """
+    a, b = source - source.mean(0), target - target.mean(0)
+    spread_a, spread_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+    if not spread_a > 0 or not spread_b > 0:
+        raise CalibrationError("all points are at one place", where="georeferencing", action="check the positions")
+    up = np.tile([0.0, 0.0, 1.0], (len(up_source), 1))
+    U, _, Vt = np.linalg.svd((b / spread_b).T @ (a / spread_a) + UP_WEIGHT * up.T @ up_source)
+    rotation = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt)) or 1.0]) @ Vt
+    scale = spread_b / spread_a
+    return Similarity(scale, rotation, target.mean(0) - scale * rotation @ source.mean(0))
 
 
 def rms(residual: Array) -> float:
