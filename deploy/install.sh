@@ -154,8 +154,8 @@ lay_units() {
     fi
     if has_systemd; then
         systemctl daemon-reload
-        sysctl --quiet --load /etc/sysctl.d/60-skyfix.conf || true
-        if command -v udevadm >/dev/null; then udevadm control --reload && udevadm trigger || true; fi
+        /usr/lib/systemd/systemd-sysctl /etc/sysctl.d/60-skyfix.conf || true
+        if [ -S /run/udev/control ]; then udevadm control --reload && udevadm trigger || true; fi
     fi
 }
 

@@ -3,7 +3,7 @@
 What comes this way is late: it belongs in the recording and in `solve`, and must never touch live tracking, whose
 filters have long moved on. It comes through an inbox of its own, under the `backlog` key. The questions are small and
 spaced, at low priority, so that live messages are not delayed by an hour's worth of history. What is already here is
-remembered over a restart, in a file that is ten seconds behind on purpose: after a power cut the recording may have
+remembered over a restart, in a file that is four seconds behind on purpose: after a power cut the recording may have
 lost its last seconds, and then the memory of having had them must be lost too.
 """
 
@@ -28,7 +28,7 @@ POLL_S: Final = 2.0  # between inventories; a lost message is in the recording a
 PAUSE_S: Final = 0.2  # between questions to all boxes
 ROWS_PER_QUESTION: Final = 100  # with PAUSE_S: 500 rows a second and camera, 17 times live
 LATE_CAPACITY: Final = 20_000  # rows; asking stops while the station has half of that to write
-SAVE_EVERY_POLLS: Final = 5  # and a save is of the state at the save before
+SAVE_EVERY_POLLS: Final = 2  # and a save is of the state at the save before: the recording is on the disk within 2 s
 CLOSE_S: Final = 2.5
 
 

@@ -1,0 +1,98 @@
+"""One bad day of a site in namespaces, lived through once, for all the tests that look at it."""
+
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tools.fieldwork.air import Air, possible
+from tools.fieldwork.site import ROOT, Row, Site
+
+CAMERAS = ("cam0", "cam1", "cam2")
+STARTS_WITHIN_S = 20.0  # the base's imports alone take seconds on a busy machine
+
+
+@pytest.fixture(scope="session")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo's flight as a track folder."""
+    folder = tmp_path_factory.mktemp("flight") / "demo"
+    scene = ROOT / "deploy" / "scenes" / "demo.toml"
+    subprocess.run([sys.executable, "-m", "tools.simulate", str(scene), "-o", str(folder)], check=True, cwd=ROOT)
+    return folder
+
+
+@dataclass
+class BadDay:
+    """When what happened, in UTC seconds, and what was there in the evening."""
+
+    settled_unix_s: float = 0.0
+    restored_unix_s: float = 0.0  # cam1 had been cut off for 5 s
+    storm_unix_s: tuple[float, float] = (0.0, 0.0)  # 5 % loss, 50 ms +- 20 ms
+    thawed_unix_s: float = 0.0  # the base had been frozen for 5 s
+    killed_unix_s: float = 0.0  # cam2 and the base: kill -9, started again
+    shutdown_s: dict[str, float] | None = None
+    made: set[tuple[str, int, int]] | None = None
+    rows: tuple[Row, ...] = ()
+
+    @property
+    def lost(self) -> set[tuple[str, int, int]]:
+        """What the boxes made and no recording has."""
+        assert self.made is not None
+        return self.made - {(row.camera, row.epoch, row.seq) for row in self.rows}
+
+
+@pytest.fixture(scope="session")
+def bad_day(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> BadDay:
+    """The day. Skips where this machine does not allow namespaces."""
+    if reason := possible():
+        pytest.skip(reason)
+    day = BadDay()
+    with Air("base", *CAMERAS) as air:
+        site = Site(air, tmp_path_factory.mktemp("site"), flight)
+        try:
+            for host in ("base", *CAMERAS):
+                site.start(host)
+            _wait(lambda: {row.camera for row in site.recorded()} == set(CAMERAS), STARTS_WITHIN_S)
+            _live(day, site)
+            day.shutdown_s = site.stop()
+        finally:
+            site.bury()
+        day.made, day.rows = site.made(), tuple(site.recorded())
+    return day
+
+
+def _live(day: BadDay, site: Site) -> None:
+    time.sleep(1.0)
+    day.settled_unix_s = time.time()
+    site.air.set(cut=("cam1",))
+    time.sleep(5.0)
+    day.restored_unix_s = time.time()
+    site.air.set()
+    time.sleep(2.5)
+    site.air.set(loss=0.05, delay_s=0.05, jitter_s=0.02)
+    begun = time.time()
+    time.sleep(5.0)
+    day.storm_unix_s = (begun + 0.5, time.time() - 0.5)
+    site.air.set()
+    site.send("base", signal.SIGSTOP)
+    time.sleep(5.0)
+    day.thawed_unix_s = time.time()
+    site.send("base", signal.SIGCONT)
+    time.sleep(2.0)
+    day.killed_unix_s = time.time()
+    for host in ("cam2", "base"):
+        site.kill(host)
+        time.sleep(0.3)
+        site.start(host)
+    made = site.made()
+    _wait(lambda: len(made - {(row.camera, row.epoch, row.seq) for row in site.recorded()}) <= 30, 20.0)
+
+
+def _wait(condition: object, within_s: float) -> None:
+    deadline = time.monotonic() + within_s
+    while time.monotonic() < deadline and not condition():  # type: ignore[operator]
+        time.sleep(0.5)

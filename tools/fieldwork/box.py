@@ -1,0 +1,123 @@
+"""A camera box without a camera: the real link and the real spool, fed with a track folder in place of a lens.
+
+    python box.py endpoint site camera track_folder spool_file start_unix_s [mode]
+
+Plays the camera's rows in real time, for ever, as if they were seen now. start_unix_s: the instant, the same for all
+boxes, at which the flight began. Every Tracks message it makes is written to standard output as `epoch seq`, so that a
+test knows what ought to arrive.
+"""
+
+import bisect
+import csv
+import signal
+import sys
+import threading
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+from edge.lens import LensModel, pixel_to_ray
+from edge.link import Link
+from edge.link_profile import LinkSettings
+from edge.messages import Detection, Lens, Tracks, camera_key, encode
+from edge.spool import Spool, SpoolSettings
+
+
+class Player:
+    """What a camera sees at any instant of its flight, which begins anew when it has ended."""
+
+    def __init__(self, folder: Path, camera: str) -> None:
+        site = tomllib.loads((folder / "site.toml").read_text())
+        facts = next(item for item in site["camera"] if item["id"] == camera)
+        self.size_px = (int(facts["size_px"][0]), int(facts["size_px"][1]))
+        self.readout_s = float(facts.get("readout_s", 0.0))
+        self.lens = LensModel(
+            model=facts["lens"],
+            intrinsics=tuple(facts["intrinsics"]),
+            distortion=tuple(facts["distortion"]),
+            size_px=self.size_px,
+            rms_px=0.3,
+        )
+        with (folder / "tracks" / f"{camera}.csv").open() as file:
+            rows = [row for row in csv.DictReader(file) if row.get("status", "confirmed") == "confirmed"]
+        self.frames: dict[int, list[dict[str, str]]] = {}
+        for row in rows:
+            self.frames.setdefault(int(row["t_unix_ns"]), []).append(row)
+        self.times = sorted(self.frames)
+
+    def lens_message(self) -> Lens:
+        lens = self.lens
+        return Lens(
+            model=lens.model,
+            intrinsics=lens.intrinsics,
+            distortion=list(lens.distortion),
+            rms_px=lens.rms_px,
+            size_px=lens.size_px,
+        )
+
+    def detections(self, t_unix_ns: int) -> list[Detection]:
+        found = []
+        for row in self.frames[t_unix_ns]:
+            pixel = np.array([[float(row["u_px"]), float(row["v_px"])]])
+            ray = pixel_to_ray(self.lens, pixel)[0]
+            found.append(
+                Detection(
+                    track=int(row["track"]),
+                    u_px=float(pixel[0, 0]),
+                    v_px=float(pixel[0, 1]),
+                    ray_x=float(ray[0]),
+                    ray_y=float(ray[1]),
+                    width_px=float(row["width_px"]),
+                    height_px=float(row["height_px"]),
+                    score=float(row["score"]),
+                    status="confirmed",
+                )
+            )
+        return found
+
+
+def play(arguments: list[str], stop: threading.Event) -> None:
+    """Be a box until told to stop."""
+    endpoint, site, camera, folder, spool_file, start = arguments[:6]
+    mode = arguments[6] if len(arguments) > 6 else "peer"
+    player = Player(Path(folder), camera)
+    epoch = time.time_ns() // 10**6
+    shift_ns = round(float(start) * 1e9) - player.times[0]
+    lap_ns = player.times[-1] - player.times[0] + 10**9
+    settings = LinkSettings(connect=(endpoint,), mode=mode)  # type: ignore[arg-type]
+    with Link(settings, name=camera) as link:
+        requests = link.serve(camera_key(site, camera, "backlog"))
+        with Spool(SpoolSettings(file=spool_file), requests) as spool:
+            link.set_state(camera_key(site, camera, "lens"), player.lens_message())
+            link.declare_presence(camera_key(site, camera))
+            seq = 0
+            next_one = bisect.bisect_left(player.times, time.time_ns() - shift_ns)
+            while not stop.is_set():
+                lap, index = divmod(next_one, len(player.times))
+                t_unix_ns = player.times[index] + shift_ns + lap * lap_ns
+                if stop.wait(max(0.0, (t_unix_ns - time.time_ns()) * 1e-9)):
+                    return
+                tracks = Tracks(
+                    t_unix_ns=t_unix_ns,
+                    seq=seq,
+                    epoch=epoch,
+                    clock_bound_s=0.001,
+                    size_px=player.size_px,
+                    readout_s=player.readout_s,
+                    detections=player.detections(player.times[index]),
+                )
+                payload = encode(tracks)
+                spool.keep(epoch, seq, t_unix_ns, payload)
+                link.publish_bytes(camera_key(site, camera, "tracks"), payload)
+                print(epoch, seq, flush=True)
+                seq += 1
+                next_one += 1
+
+
+if __name__ == "__main__":
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    play(sys.argv[1:], stopping)
