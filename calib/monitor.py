@@ -13,22 +13,20 @@ from typing import Final
 
 import numpy as np
 
-from calib.network import POSE_SIZE, Network
-from calib.raytracks import SAMPLES, RayTrack, RayTracks
+from calib.meetings import Meetings, attitude_sigma, median_low, meetings
+from calib.network import Network
+from calib.raytracks import RayTrack, RayTracks
 from calib.sighting import View
 from calib.targets import Frame
-from edge.lens import Array
+from calib.testimony import Accusation, Testimony, judge
 
-PAIRS_A_CALL: Final = 2  # witnesses heard at each call: the loop must not wait for the guard
+HEARING_NS: Final = 200_000_000  # between hearings of one pair of witnesses: the loop must not wait for the guard
+ACCUSED_A_HEARING: Final = 6  # cameras a pair testifies about at once, for the same reason
+WATCHED_NS: Final = 1_000_000_000  # of rays looked at: longer, and an old pose speaks with the new
+MIN_SAMPLES: Final = 3  # instants both the witnesses' point and the accused's track must have
+EDGE_PX: Final = 5.0
 ALL_PAIRS_UP_TO: Final = 10  # cameras; beyond, each testifies with its next three in the network
-MATCH_SIGMA: Final = 3.0  # two rays meet
-ACCUSE_SIGMA: Final = 4.0  # a third ray misses
-NOISE_PX: Final = 1.0  # of a median of SAMPLES detections, the lens model's errors included
 NEAR_RAD: Final = 0.05  # 2.9 degrees: what is farther from where it should be is another object
-EVIDENCE_S: Final = 6.0  # memory
-MIN_EVIDENCE: Final = 6  # testimonies
-MIN_EVIDENCE_S: Final = 1.0  # s they must span
-GUILTY: Final = 0.7  # share of testimonies
 FROZEN_S: Final = 3.0  # s of identical detections; a hovering drone's jitter in the last digit
 FROZEN_FRAMES: Final = 30
 AGREE_PAIRS: Final = 2  # of cameras whose rays meet, before a stored network is believed
@@ -44,25 +42,6 @@ class Finding:
     since_unix_ns: int
 
 
-@dataclass(frozen=True)
-class _Testimony:
-    """What witnesses say of a camera: off (2,) px from where its track should be, image velocity (2,) px/s there."""
-
-    t_unix_ns: int
-    accused: bool
-    off_px: Array
-    velocity_px_s: Array
-
-
-@dataclass(frozen=True)
-class _Meeting:
-    """A track of each of two cameras whose rays meet: where, at t_s (S,), points (S, 3), one sigma m (S,)."""
-
-    t_s: Array
-    points: Array
-    sigma_m: Array
-
-
 class Guard:
     """Watches all cameras of the network in force; or says whether a stored network agrees with what is seen."""
 
@@ -72,8 +51,9 @@ class Guard:
         self._ignored: set[str] = set()
         self._views: dict[str, View] = {}
         self._since: dict[str, int] = {}
-        self._testimony: defaultdict[str, deque[_Testimony]] = defaultdict(lambda: deque(maxlen=400))
+        self._testimony: defaultdict[str, deque[Testimony]] = defaultdict(lambda: deque(maxlen=400))
         self._turn = 0
+        self._heard_ns = 0
         self._frozen: dict[str, tuple[bytes, int, int]] = {}  # pixels, since, frames
         self._candidate: tuple[Network, int | None, set[tuple[str, str]]] | None = None
         self.residual_mrad: dict[tuple[str, str], float] = {}
@@ -116,9 +96,10 @@ class Guard:
         if self._network is None:
             return found
         pairs = self._witnesses([c.id for c in self._network.cameras if c.id not in self._ignored])
-        for k in range(min(PAIRS_A_CALL, len(pairs))):
-            self._hear(*pairs[(self._turn + k) % len(pairs)], now_unix_ns)
-        self._turn += PAIRS_A_CALL
+        if pairs and abs(now_unix_ns - self._heard_ns) >= HEARING_NS:
+            self._heard_ns = now_unix_ns
+            self._hear(*pairs[self._turn % len(pairs)], now_unix_ns)
+            self._turn += 1
         return found + self._verdict(now_unix_ns)
 
     @staticmethod
@@ -130,98 +111,57 @@ class Guard:
     def _hear(self, one: str, other: str, now_unix_ns: int) -> None:
         network = self._network
         assert network is not None
-        meetings, _ = self._meetings(network, self._views, (one, other), now_unix_ns)
-        for camera in network.cameras:
-            if camera.id in {one, other} or camera.id in self._ignored or not meetings:
-                continue
-            tracks = self._tracks.of(camera, network, now_unix_ns - 10**9)
-            for meeting in meetings:
-                self._testify(network, camera.id, meeting, tracks, now_unix_ns)
+        since_ns = now_unix_ns - WATCHED_NS
+        met, _ = meetings(network, (one, other), self._tracks, since_ns)
+        if met is None:
+            return
+        self.residual_mrad[one, other] = met.miss_rad * 1e3
+        others = [c.id for c in network.cameras if c.id not in {one, other} | self._ignored]
+        for k in range(min(ACCUSED_A_HEARING, len(others))):
+            camera = others[(self._turn + k) % len(others)]
+            self._testify(network, camera, met, self._tracks.of(network.camera(camera), network, since_ns), now_unix_ns)
 
     def _testify(
-        self, network: Network, camera_id: str, meeting: _Meeting, tracks: list[RayTrack], now_unix_ns: int
+        self, network: Network, camera_id: str, met: Meetings, tracks: list[RayTrack], now_unix_ns: int
     ) -> None:
         view = self._views[camera_id]
-        seen = view.sight(meeting.points)
-        if not (seen.valid.all() and view.inside(seen.pixels, 5.0).all() and tracks):
+        shape = met.points.shape[:2]
+        seen = view.sight(met.points.reshape(-1, 3))
+        due = (seen.valid & view.inside(seen.pixels, EDGE_PX)).reshape(shape).all(axis=1)
+        if not tracks or not due.any():
             return
+        off = np.stack([track.at(met.t_s.ravel()) for track in tracks]) - seen.pixels
+        off = off.reshape(len(tracks), *shape, 2)
+        enough = np.isfinite(off[..., 0]).sum(axis=2) >= MIN_SAMPLES
+        median = median_low(np.moveaxis(off, 2, 3))
+        miss_px = np.where(enough & due, np.linalg.norm(median, axis=2), np.inf)
+        nearest = np.argmin(miss_px, axis=0)
         focal = min(view.camera.lens.intrinsics[:2])
-        off = np.stack([track.at(meeting.t_s) for track in tracks]) - seen.pixels
-        enough = np.isfinite(off[:, :, 0]).sum(axis=1) >= 3
-        if not enough.any():
-            return
-        off = off[enough]
-        median = np.nanmedian(off, axis=1)
-        nearest = int(np.argmin(np.linalg.norm(median, axis=1)))
-        miss_px = float(np.linalg.norm(median[nearest]))
-        if miss_px > NEAR_RAD * focal:
-            return
-        range_m = np.linalg.norm(meeting.points - view.camera.centre_enu, axis=1)
-        sigma_px = np.hypot(NOISE_PX, focal * _attitude_sigma(network, camera_id))
-        limit_px = ACCUSE_SIGMA * float(np.median(np.hypot(sigma_px, focal * meeting.sigma_m / range_m)))
-        velocity = (seen.pixels[-1] - seen.pixels[0]) / max(float(meeting.t_s[-1] - meeting.t_s[0]), 1e-3)
-        self._testimony[camera_id].append(_Testimony(now_unix_ns, miss_px > limit_px, median[nearest], velocity))
+        range_m = np.linalg.norm(met.points - view.camera.centre_enu, axis=2)
+        near = focal / median_low(range_m)
+        noise_px = np.hypot(met.noise_px, near * median_low(met.noise_m))
+        expected_px = np.hypot(focal * attitude_sigma(network, camera_id), near * median_low(met.expected_m))
+        pixels = seen.pixels.reshape(*shape, 2)
+        for m, n in enumerate(nearest):
+            if miss_px[n, m] < NEAR_RAD * focal:
+                velocity = (pixels[m, -1] - pixels[m, 0]) / max(float(met.t_s[m, -1] - met.t_s[m, 0]), 1e-3)
+                said = Testimony(now_unix_ns, median[n, m], velocity, float(noise_px[m]), float(expected_px[m]))
+                self._testimony[camera_id].append(said)
 
     def _verdict(self, now_unix_ns: int) -> list[Finding]:
         """At most one camera a time: the others' testimony is heard afresh without it."""
-        worst: tuple[float, str, list[_Testimony]] | None = None
-        for camera, all_heard in self._testimony.items():
-            heard = [t for t in all_heard if t.t_unix_ns > now_unix_ns - EVIDENCE_S * 1e9]
-            accused = [t for t in heard[-3 * MIN_EVIDENCE :] if t.accused]
-            share = len(accused) / max(len(heard[-3 * MIN_EVIDENCE :]), 1)
-            long = len(accused) >= MIN_EVIDENCE and accused[-1].t_unix_ns - accused[0].t_unix_ns > MIN_EVIDENCE_S * 1e9
-            if long and share > GUILTY and (worst is None or share > worst[0]):
-                worst = (share, camera, accused)
-        if worst is None:
+        judged = [(judge(heard, now_unix_ns), camera) for camera, heard in self._testimony.items()]
+        accused = [(accusation.strength, camera, accusation) for accusation, camera in judged if accusation is not None]
+        if not accused:
             return []
-        _, camera, accused = worst
-        return [Finding(camera, self._reason(camera, accused), accused[0].t_unix_ns - 3 * 10**9)]
+        _, camera, accusation = max(accused, key=lambda entry: entry[:2])
+        return [Finding(camera, self._reason(camera, accusation), accusation.since_unix_ns - WATCHED_NS)]
 
-    def _reason(self, camera: str, accused: list[_Testimony]) -> str:
-        """Knocked or clock: whether what it is off by is always the same, or follows the motion."""
-        off = np.array([t.off_px for t in accused])
-        velocity = np.array([t.velocity_px_s for t in accused])
-        delay_s = float(np.sum(off * velocity) / max(np.sum(velocity**2), 1e-9))
-        steady = np.median(off, axis=0)
-        by_clock, by_knock = np.sum((off - delay_s * velocity) ** 2), np.sum((off - steady) ** 2)
-        if by_clock < by_knock / 2:
-            return f"its clock has stepped by about {delay_s * 1e3:.0f} ms"
+    def _reason(self, camera: str, accusation: Accusation) -> str:
+        if accusation.clock_s is not None:
+            return f"its clock has stepped by about {-accusation.clock_s * 1e3:.0f} ms"
         focal = min(self._views[camera].camera.lens.intrinsics[:2])
-        return f"it was knocked: its rays miss by {np.degrees(np.linalg.norm(steady) / focal):.2f} degrees"
-
-    # Two cameras
-
-    def _meetings(
-        self, network: Network, views: dict[str, View], pair: tuple[str, str], now_unix_ns: int
-    ) -> tuple[list[_Meeting], bool]:
-        """Where tracks of two cameras meet, each track once; and whether there was anything that could have."""
-        one, other = (views[camera].camera for camera in pair)
-        of_one = self._tracks.of(one, network, now_unix_ns - 10**9)
-        of_other = self._tracks.of(other, network, now_unix_ns - 10**9)
-        found: list[tuple[float, int, int, _Meeting, float]] = []
-        compared = False
-        for a, track in enumerate(of_one):
-            t_s = np.linspace(track.t_s[0], track.t_s[-1], SAMPLES)
-            bearings = one.bearings_enu(track.at(t_s))
-            for b, rival in enumerate(of_other):
-                pixels = rival.at(t_s)
-                good = np.isfinite(pixels[:, 0]) & np.isfinite(bearings[:, 0])
-                if np.count_nonzero(good) < 4:
-                    continue
-                compared = True
-                to = other.bearings_enu(pixels[good])
-                meeting, miss, angle = _meet(network, (one.id, other.id), bearings[good], to, t_s[good])
-                if meeting is not None:
-                    found.append((miss, a, b, meeting, angle))
-        found.sort(key=lambda entry: entry[0])
-        kept: list[_Meeting] = []
-        used: set[tuple[int, int]] = set()
-        for miss, a, b, meeting, angle in found:
-            if miss < MATCH_SIGMA and (0, a) not in used and (1, b) not in used:
-                used |= {(0, a), (1, b)}
-                kept.append(meeting)
-                self.residual_mrad[pair] = angle * 1e3
-        return kept, compared
+        return f"it was knocked: its rays miss by {np.degrees((accusation.knock_px or 0.0) / focal):.2f} degrees"
 
     # A stored network
 
@@ -229,13 +169,12 @@ class Guard:
         """Whether rays meet as this network says: True or False once that is clear, None until then."""
         if self._candidate is None or self._candidate[0] is not network:
             self._candidate = (network, None, set())
-            self._views = {camera.id: View.of(camera) for camera in network.cameras}
         _, since, agreed = self._candidate
         compared = False
         for pair in self._witnesses([camera.id for camera in network.cameras]):
-            meetings, could = self._meetings(network, self._views, pair, now_unix_ns)
+            met, could = meetings(network, pair, self._tracks, now_unix_ns - WATCHED_NS)
             compared |= could
-            if meetings:
+            if met is not None:
                 agreed.add(pair)
         if compared and since is None:
             self._candidate = (network, now_unix_ns, agreed)
@@ -246,33 +185,3 @@ class Guard:
             self._candidate = None
             return False
         return None
-
-
-def _attitude_sigma(network: Network, camera_id: str) -> float:
-    at = POSE_SIZE * [camera.id for camera in network.cameras].index(camera_id)
-    return float(np.sqrt(np.max(np.diag(network.covariance)[at : at + 3])))
-
-
-def _meet(
-    network: Network, pair: tuple[str, str], a: Array, b: Array, t_s: Array
-) -> tuple[_Meeting | None, float, float]:
-    """Where rays a, b (S, 3) of two cameras meet; by how many sigma and rad they miss, median."""
-    one, other = network.camera(pair[0]), network.camera(pair[1])
-    assert one is not None
-    assert other is not None
-    base = other.centre_enu - one.centre_enu
-    cosine = np.einsum("ni,ni->n", a, b)
-    sine2 = np.maximum(1 - cosine**2, 1e-9)
-    along_a, along_b = a @ base, b @ base
-    range_a, range_b = (along_a - cosine * along_b) / sine2, (cosine * along_a - along_b) / sine2
-    if not (np.median(range_a) > 1 and np.median(range_b) > 1 and np.median(sine2) > 1e-4):
-        return None, np.inf, np.inf
-    on_a, on_b = one.centre_enu + range_a[:, None] * a, other.centre_enu + range_b[:, None] * b
-    sigma = [
-        np.hypot(NOISE_PX / min(camera.lens.intrinsics[:2]), _attitude_sigma(network, camera.id))
-        for camera in (one, other)
-    ]
-    sigma_m = np.hypot(sigma[0] * range_a, sigma[1] * range_b)
-    gap = np.linalg.norm(on_a - on_b, axis=1)
-    meeting = _Meeting(t_s, (on_a + on_b) / 2, sigma_m / np.sqrt(sine2))
-    return meeting, float(np.median(gap / sigma_m)), float(np.median(gap / np.minimum(range_a, range_b)))

@@ -56,8 +56,9 @@ class RayTracks:
         """Drop a camera's rows."""
         self._rows.pop(camera, None)
 
-    def of(self, camera: Camera, network: Network, since_unix_ns: int = 0) -> list[RayTrack]:
+    def of(self, camera: Camera | None, network: Network, since_unix_ns: int = 0) -> list[RayTrack]:
         """A camera's tracks that are long enough to mean something."""
+        assert camera is not None
         groups: defaultdict[int, list[tuple[int, float, float]]] = defaultdict(list)
         for t_unix_ns, label, u, v in self._rows.get(camera.id, ()):
             if t_unix_ns >= since_unix_ns:
