@@ -112,10 +112,14 @@ class Site:
                     found.add((camera, int(epoch), int(seq)))
         return found
 
-    def recorded(self) -> list[Row]:
-        """Every Tracks message in the base's recordings. Raises RecordingError if one cannot be read."""
+    def recorded(self, since_unix_ns: int = 0) -> list[Row]:
+        """Every Tracks message in the base's recordings. Raises RecordingError if one cannot be read.
+
+        since_unix_ns: leave out files that were last written before.
+        """
         rows = []
-        for file in sorted((self.folder / "recordings").glob("*.mcap")):
+        files = sorted((self.folder / "recordings").glob("*.mcap"))
+        for file in [file for file in files if file.stat().st_mtime_ns >= since_unix_ns]:
             for item in recording.read(file):
                 topic = item.key.rpartition("/")[2]
                 camera = camera_of_key(item.key)
