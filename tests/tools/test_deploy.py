@@ -1,0 +1,82 @@
+"""What is deployed is well formed: units, chrony's configuration, the installer, and the wheel's list of packages."""
+
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+UNITS = sorted((ROOT / "systemd").glob("*.service"))
+SANDBOXED = [unit for unit in UNITS if unit.name != "skyfix-access.service"]
+MOST_EXPOSED = 2.0  # of systemd's 10
+
+
+def needs(program: str) -> None:
+    if shutil.which(program) is None:
+        pytest.skip(f"{program} is not installed")
+
+
+def test_units_are_understood(tmp_path: Path) -> None:
+    needs("systemd-analyze")
+    for unit in [*UNITS, *(ROOT / "systemd").glob("*.path")]:
+        # The programs are not installed here; what is checked is the unit.
+        text = re.sub(r"^ExecStart=\S+", "ExecStart=/bin/true", unit.read_text(), flags=re.MULTILINE)
+        (tmp_path / unit.name).write_text(text)
+    files = [str(file) for file in tmp_path.iterdir()]
+    verdict = subprocess.run(["systemd-analyze", "verify", *files], capture_output=True, text=True, check=False)
+    assert (verdict.returncode, verdict.stderr.strip()) == (0, "")
+
+
+@pytest.mark.parametrize("unit", SANDBOXED, ids=lambda unit: unit.name)
+def test_exposure(unit: Path) -> None:
+    needs("systemd-analyze")
+    command = ["systemd-analyze", "security", "--offline=true", str(unit)]
+    verdict = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    found = re.search(r"exposure level for \S+: ([\d.]+)", verdict)
+    assert found, verdict
+    assert float(found[1]) <= MOST_EXPOSED
+
+
+@pytest.mark.parametrize("unit", SANDBOXED, ids=lambda unit: unit.name)
+def test_no_service_runs_as_root_or_gives_up(unit: Path) -> None:
+    text = unit.read_text()
+    assert "\nUser=skyfix\n" in text
+    assert "\nRestart=always\n" in text
+    assert "\nStartLimitIntervalSec=0\n" in text
+
+
+@pytest.mark.parametrize("name", ["edge-node", "base-station", "skyfix-router"])
+def test_programs_are_watched(name: str) -> None:
+    text = (ROOT / "systemd" / f"{name}.service").read_text()
+    assert "\nType=notify\n" in text
+    assert re.search(r"^WatchdogSec=\d+$", text, re.MULTILINE)
+    assert "time-sync.target" in text
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "deploy" / "chrony").glob("*.conf")), ids=lambda file: file.name)
+def test_chrony_understands(file: Path) -> None:
+    needs("chronyd")
+    verdict = subprocess.run(["chronyd", "-p", "-f", str(file)], capture_output=True, text=True, check=False)
+    assert verdict.returncode == 0, verdict.stderr + verdict.stdout
+
+
+def test_the_installer_is_bash_and_explains_itself() -> None:
+    needs("bash")
+    script = ROOT / "deploy" / "install.sh"
+    subprocess.run(["bash", "-n", str(script)], check=True)
+    verdict = subprocess.run(["bash", str(script), "everything"], capture_output=True, text=True, check=False)
+    assert verdict.returncode == 2
+    assert "edge|base|router" in verdict.stderr
+
+
+def test_every_room_is_in_the_wheel() -> None:
+    packages = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    rooms = {
+        ".".join(file.parent.relative_to(ROOT).parts)
+        for top in ("edge", "calib")
+        for file in (ROOT / top).rglob("__init__.py")
+    }
+    assert rooms <= packages
