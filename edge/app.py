@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 it could not be done (the reason and the next action on st
 
 import argparse
 import logging
+import os
 import signal
 import sys
 import threading

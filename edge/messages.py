@@ -57,7 +57,10 @@ class Detection(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Tracks(msgspec.Struct, frozen=True, kw_only=True):
-    """What one camera saw in one frame. An empty `detections` means "sees nothing"; silence means "is gone"."""
+    """What one camera saw in one frame. An empty `detections` means "sees nothing"; silence means "is gone".
+
+    late: rows that were found out later, about a frame that is past; out of order on purpose.
+    """
 
     t_unix_ns: TimeNs
     seq: Annotated[int, Meta(ge=0, le=2**53)]
@@ -66,6 +69,7 @@ class Tracks(msgspec.Struct, frozen=True, kw_only=True):
     size_px: SizePx
     readout_s: Annotated[float, Meta(ge=0, le=1)]
     detections: Annotated[list[Detection], Meta(max_length=MAX_DETECTIONS)]
+    late: bool = False
 
 
 class Lens(msgspec.Struct, frozen=True, kw_only=True):

@@ -99,7 +99,9 @@ class Pipeline:
         self._bound_s = total_bound_s(frame, self._clock_bound_s())
         seen = sorted(self._with_rays(rows), key=lambda pair: pair[0].t_unix_ns)
         by_time = groupby(seen, key=lambda pair: pair[0].t_unix_ns)
-        messages = [self._tracks(t, [self._detection(*pair) for pair in same]) for t, same in by_time]
+        messages = [
+            self._tracks(t, [self._detection(*pair) for pair in same], late=t < frame.t_unix_ns) for t, same in by_time
+        ]
         if messages:
             self._last_said_unix_ns = frame.t_unix_ns
         elif not 0 <= frame.t_unix_ns - self._last_said_unix_ns < SILENCE_NS:
@@ -107,7 +109,7 @@ class Pipeline:
             messages = [self._tracks(frame.t_unix_ns, [])]
         return messages
 
-    def _tracks(self, t_unix_ns: int, detections: list[Detection]) -> Tracks:
+    def _tracks(self, t_unix_ns: int, detections: list[Detection], *, late: bool = False) -> Tracks:
         self._seq += 1
         return Tracks(
             t_unix_ns=t_unix_ns,
@@ -117,6 +119,7 @@ class Pipeline:
             size_px=self._facts.lens.size_px,
             readout_s=self._facts.readout_s,
             detections=detections,
+            late=late,
         )
 
     def _with_rays(self, rows: list[Row]) -> list[tuple[Row, Array]]:

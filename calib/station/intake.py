@@ -112,6 +112,9 @@ class Intake:
             return False
         camera.counters["missed"] += tracks.seq - camera.next_seq
         camera.next_seq = tracks.seq + 1
+        if tracks.late:
+            camera.counters["late"] += 1  # recorded for `solve`; live, a past frame is past
+            return False
         if tracks.t_unix_ns <= camera.last_stamp:
             back_s = (camera.last_stamp - tracks.t_unix_ns) / NS
             camera.fault("backwards", f"its time went back {back_s:.3f} s", "look at the box's clock (chrony)", now_ns)

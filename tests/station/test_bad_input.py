@@ -122,6 +122,18 @@ def test_times_that_jitter_backwards_are_dropped_and_named(feed: Feed) -> None:
     assert "went back" in camera_reason(fed, "cam3")[1]
 
 
+def test_rows_that_a_box_marks_as_late_are_no_fault_of_its_clock(feed: Feed) -> None:
+    def late(tracks: Tracks, number: int) -> Tracks:
+        return (
+            msgspec.structs.replace(tracks, t_unix_ns=tracks.t_unix_ns - NS, late=True) if number % 5 == 0 else tracks
+        )
+
+    fed = feed(SHORT, on_tracks("cam3", late))
+    still_works(fed)
+    assert camera_reason(fed, "cam3")[0] == "ok"
+    assert fed.station.intake.cameras["cam3"].counters["late"] > 10
+
+
 def test_a_clock_set_back_leaves_its_camera_out_by_name(feed: Feed) -> None:
     back = on_tracks("cam3", lambda t, _: msgspec.structs.replace(t, t_unix_ns=t.t_unix_ns - 60 * NS), after_s=7.0)
     fed = feed(SHORT, back)
