@@ -85,11 +85,23 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     stop = threading.Event()
     _stop_on_signals(stop)
+    before = set(threading.enumerate())
     with Node(config, arguments.config, stop) as node:
         if node.run():
-            return DONE
-        misused = any(isinstance(worker.error, ConfigError) for worker in node.workers)
-        return MISUSED if misused else FAILED
+            code = DONE
+        else:
+            misused = any(isinstance(worker.error, ConfigError) for worker in node.workers)
+            code = MISUSED if misused else FAILED
+    _leave_what_is_stuck(set(threading.enumerate()) - before, code)
+    return code
+
+
+def _leave_what_is_stuck(stuck: set[threading.Thread], code: int) -> None:
+    """End at once if a driver or a model still holds a thread: torn out of C++ later, it would abort the process."""
+    if stuck:
+        logging.getLogger(__name__).info("leaving %s", ", ".join(sorted(thread.name for thread in stuck)))
+        logging.shutdown()
+        os._exit(code)
 
 
 def _only(config: BoxConfig, camera: str | None, file: Path) -> BoxConfig:
