@@ -7,6 +7,7 @@ so here every combination is a candidate.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -30,7 +31,7 @@ class Track:
     rays: Array
     row: NDArray[np.int64]
 
-    @property
+    @cached_property
     def longest_bridge_s(self) -> float:
         """How far apart two rows may be to read the track between them: a slow camera's rows always are."""
         return max(LONGEST_BRIDGE_S, SLOW_CAMERA * float(np.median(np.diff(self.t_s))))
