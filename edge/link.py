@@ -53,7 +53,7 @@ class Link:
     """A Zenoh session with its own thread. Everything may be asked of it before the session is open."""
 
     def __init__(self, settings: LinkSettings, *, name: str = "link") -> None:
-        self._settings = settings
+        self.settings = settings
         self._name = name
         self._lock = threading.Condition()
         self._outbox = Outbox(self._lock)
@@ -72,8 +72,8 @@ class Link:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def __enter__(self) -> Self:
-        if self._settings.warning:
-            log.warning("%s: %s", self._name, self._settings.warning)
+        if self.settings.warning:
+            log.warning("%s: %s", self._name, self.settings.warning)
         self._thread.start()
         return self
 
@@ -218,7 +218,7 @@ class Link:
     @property
     def warning(self) -> str:
         """That nothing is protected, if so; for health. Empty with the production profile."""
-        return self._settings.warning
+        return self.settings.warning
 
     @property
     def error(self) -> str:
@@ -275,7 +275,7 @@ class Link:
     def _open(self) -> zenoh.Session | None:
         while not self._stopping:
             try:
-                session = zenoh.open(zenoh_config(self._settings))
+                session = zenoh.open(zenoh_config(self.settings))
             except (zenoh.ZError, ConfigError) as error:
                 self._note_failure(error)
                 with self._lock:

@@ -19,6 +19,7 @@ from edge.config import BoxConfig, CameraConfig
 from edge.gnss.receiver import Receiver
 from edge.health import Check, HealthBoard
 from edge.link import Link
+from edge.link_health import LinkHealth
 from edge.messages import Tracks, camera_key, encode
 from edge.spool import Spool, SpoolSettings
 from edge.systemd_notify import Notifier
@@ -41,6 +42,7 @@ class Node:
         self._clock = ClockMonitor(config.clock)
         self._receiver = Receiver(config.gnss) if config.gnss else None
         self._link = Link(config.link, name=f"box {config.site}")
+        self._link_health = LinkHealth(self._link)
         self._boards = {camera.id: HealthBoard(self._epoch) for camera in config.camera}
         self._spools: dict[str, Spool] = {}
         self._notifier = Notifier()
@@ -122,10 +124,7 @@ class Node:
         if self._receiver:
             status = self._receiver.status()
             checks.append(Check("gnss", status.level, status.reason, status.action))
-        if self._link.warning:
-            checks.append(Check("security", "warn", self._link.warning, "give [link.tls]: see deploy/certs/README.md"))
-        if self._link.error:
-            checks.append(Check("link", "fail", self._link.error, "check link.connect and that the base station runs"))
+        checks += self._link_health.checks(who="the base station")
         return checks
 
     def _check_spool(self, camera: str) -> list[Check]:
@@ -137,9 +136,7 @@ class Node:
         return [Check("spool", "ok", "keeps what was sent")]
 
     def _counters(self, worker: CameraWorker) -> dict[str, float]:
-        link = self._link.counters
-        lost = {"link_published": link.published, "link_dropped": link.dropped, "link_stale": link.stale}
-        return {**worker.counters(), **{name: float(count) for name, count in lost.items()}}
+        return {**worker.counters(), **self._link_health.counters()}
 
     def __exit__(self, *_: object) -> None:
         for worker in self.workers:

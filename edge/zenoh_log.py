@@ -81,6 +81,14 @@ def _is_news(line: bytes) -> bool:
     return not any(harmless in line for harmless in _HARMLESS)
 
 
+_current: "ZenohLog | None" = None  # the library has one log for the whole process
+
+
+def refusals() -> Refusals:
+    """Who was turned away so far in this process; nobody, as far as can be told, while no ZenohLog is entered."""
+    return Refusals() if _current is None else _current.refusals
+
+
 class ZenohLog:
     """Leads the library's log through a pipe for as long as it is entered. At most once in a process, and early."""
 
@@ -89,6 +97,8 @@ class ZenohLog:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
+        global _current  # noqa: PLW0603 -- as global as standard output is
+        _current = self
         source, sink = os.pipe()
         fcntl.fcntl(sink, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         os.set_blocking(sink, False)
