@@ -20,11 +20,15 @@ import numpy as np
 from edge.capture.frame import Frame, Image
 from edge.config import SHIPPED_MODEL, DetectorConfig, GateConfig
 from edge.detector import Detections, open_detector
+from edge.detector.detections import nothing
+from edge.detector.scan import padded_stack
+from edge.detector.session import open_model
+from edge.detector.skyfix import StackNet
 from edge.errors import SkyfixError, SourceError
 from edge.gate import Row, make_gate
 from tools.evaluate_detections import read_all, score
 from tools.scoring.detections import Boxes, Scores, no_boxes
-from tools.train.footage import read_split
+from tools.train.footage import read_split, stacks
 
 START_UNIX_NS: Final = 1_780_000_000 * 10**9
 LOWEST_SCORE: Final = 0.02  # of whole frames: average precision needs the doubtful ones too
@@ -43,7 +47,7 @@ class ClipResult:
     vote: str | None
 
 
-def frames_of(video: Path, scale: float = 1.0) -> Iterator[Frame]:
+def frames_of(video: Path) -> Iterator[Frame]:
     """The frames of a clip, grey, stamped by its frame rate."""
     capture = cv2.VideoCapture(str(video))
     if not capture.isOpened():
@@ -51,8 +55,6 @@ def frames_of(video: Path, scale: float = 1.0) -> Iterator[Frame]:
     period_ns = round(1e9 / (capture.get(cv2.CAP_PROP_FPS) or 30.0))
     number = 0
     while (image := _next(capture)) is not None:
-        if scale != 1.0:
-            image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
         yield Frame(START_UNIX_NS + number * period_ns, image, "file")
         number += 1
     capture.release()
@@ -63,24 +65,32 @@ def _next(capture: cv2.VideoCapture) -> Image | None:
     return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), np.uint8) if ok else None
 
 
-def measure(folder: Path, clip: str, model: str) -> ClipResult:
+def measure(folder: Path, clip: str, model: str, every: int) -> ClipResult:
     """Run one clip through all four."""
     cv2.setNumThreads(1)
     video = folder / "videos" / f"{clip}.mp4"
-    found = {
-        ROWS[0]: whole(video, model, 1.0),
-        ROWS[1]: whole(video, model, 1 / 3),
-    }
+    found = {ROWS[0]: whole(video, model, 1.0, every), ROWS[1]: whole(video, model, 1 / 3, every)}
     found[ROWS[2]], rows, frames, names = staged(video, model)
     found[ROWS[3]] = of_rows(rows, video)
     return ClipResult(clip, frames, found, vote(rows, names))
 
 
-def whole(video: Path, model: str, scale: float) -> Boxes:
-    """Detections of the model on every whole frame, in pixels of the original."""
-    detector = open_detector(DetectorConfig(model=model, mode="full_frame", score_min=LOWEST_SCORE), background=False)
-    found = [detector.detect(frame, np.zeros((0, 3))) for frame in frames_of(video, scale)]
+def whole(video: Path, model: str, scale: float, every: int) -> Boxes:
+    """Detections of the model on every so many whole frames, in pixels of the original."""
+    net, found = StackNet(open_model(model)), []
+    for number, stack, _ in stacks(video):
+        if number % every:
+            found.append(nothing(len(net.class_names)))
+            continue
+        images = [_scaled(grey, scale) for grey in stack]
+        found.append(net.run(padded_stack(images, net.multiple_px), LOWEST_SCORE)[0])
     return _boxes(found, scale)
+
+
+def _scaled(image: Image, scale: float) -> Image:
+    if scale == 1.0:
+        return image
+    return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def staged(video: Path, model: str) -> tuple[Boxes, list[Row], int, tuple[str, ...]]:
@@ -128,11 +138,21 @@ def vote(rows: list[Row], names: tuple[str, ...]) -> str | None:
     return names[int(np.argmax(last.classes))] if last.classes else None
 
 
-def figures(results: list[ClipResult], labels: dict[str, Boxes]) -> dict[str, Scores]:
-    """Scores of some clips, by row of figures."""
-    frames = {result.clip: result.frames for result in results}
-    truth = {result.clip: labels[result.clip] for result in results}
-    return {row: score(truth, {result.clip: result.found[row] for result in results}, frames) for row in ROWS}
+def figures(results: list[ClipResult], labels: dict[str, Boxes], every: int) -> dict[str, Scores]:
+    """Scores of some clips, by row of figures; those of whole frames over the frames that were looked at."""
+    scores = {}
+    for row in ROWS:
+        step = every if row.startswith("whole") else 1
+        frames = {result.clip: -(-result.frames // step) for result in results}
+        truth = {result.clip: _thinned(labels[result.clip], step) for result in results}
+        scores[row] = score(truth, {result.clip: _thinned(result.found[row], step) for result in results}, frames)
+    return scores
+
+
+def _thinned(boxes: Boxes, step: int) -> Boxes:
+    """The boxes of every step-th frame, frames counted anew."""
+    kept = boxes.frame % step == 0
+    return Boxes(boxes.frame[kept] // step, boxes.box_px[kept], boxes.score[kept])
 
 
 def show(title: str, scores: dict[str, Scores]) -> None:
@@ -177,6 +197,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--part", default="test", choices=["test", "train"])
     parser.add_argument("--model", default=str(SHIPPED_MODEL))
     parser.add_argument("--match", default="", help="only clips whose name holds this")
+    parser.add_argument("--every", type=int, default=5, help="whole frames: look at one in so many (default 5)")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, help="where the detections are written as tables")
     options = parser.parse_args(argv)
@@ -184,7 +205,7 @@ def main(argv: list[str] | None = None) -> int:
         clips = [clip for clip in read_split(options.clips, options.part) if options.match in clip]
         labels = read_all(options.clips / "labels")
         with ProcessPoolExecutor(options.workers) as pool:
-            jobs = [pool.submit(measure, options.clips, clip, options.model) for clip in clips]
+            jobs = [pool.submit(measure, options.clips, clip, options.model, options.every) for clip in clips]
             results = [job.result() for job in jobs]
     except SkyfixError as error:
         print(error, file=sys.stderr)
@@ -192,8 +213,8 @@ def main(argv: list[str] | None = None) -> int:
     print(f"{options.model}, {len(results)} clips of {options.part}, {sum(r.frames for r in results)} frames")
     drones = [result for result in results if "_DRONE_" in result.clip]
     if drones:
-        show("drones", figures(drones, labels))
-    show("all", figures(results, labels))
+        show("drones", figures(drones, labels, options.every))
+    show("all", figures(results, labels, options.every))
     show_votes(results)
     if options.out:
         write(results, options.out)

@@ -33,7 +33,7 @@ class Schedule:
 
     steps: int
     seconds: float = math.inf
-    batch: int = 64
+    batch: int = 32
     rate: float = 3e-3
     weight_decay: float = 1e-3
 

@@ -35,6 +35,15 @@ def conv(inputs: int, outputs: int, stride: int = 1, size: int = 3) -> nn.Sequen
     return nn.Sequential(layer, nn.BatchNorm2d(outputs), nn.ReLU(inplace=True))
 
 
+def backward_conv(inputs: int, outputs: int) -> nn.Sequential:
+    """A 2x2 convolution over a cell and those above and to its left, batch norm, ReLU.
+
+    In cells, that is what a 3x3 convolution of stride 2 is in pixels.
+    """
+    layers = (nn.ZeroPad2d((1, 0, 1, 0)), nn.Conv2d(inputs, outputs, 2, bias=False))
+    return nn.Sequential(*layers, nn.BatchNorm2d(outputs), nn.ReLU(inplace=True))
+
+
 class Residual(nn.Module):  # type: ignore[misc]
     """Two 3x3 convolutions round a shortcut (He et al. 2016)."""
 
@@ -52,7 +61,7 @@ class SkyNet(nn.Module):  # type: ignore[misc]
 
     def __init__(self, classes: int) -> None:
         super().__init__()
-        self.fine = nn.Sequential(conv(STEM_CHANNELS, 48), conv(48, 32, size=1), Residual(32))
+        self.fine = nn.Sequential(backward_conv(STEM_CHANNELS, 64), backward_conv(64, 32), Residual(32))
         self.middle = nn.Sequential(conv(32, 64, 2), Residual(64))
         self.coarse = nn.Sequential(conv(64, 96, 2), Residual(96))
         self.coarse_to_middle = conv(96, 64, size=1)
