@@ -78,6 +78,7 @@ def _add_lens(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 def _run(arguments: argparse.Namespace) -> int:
     # Imported here: `edge-node lens` and `--help` need neither a network nor a model.
     from edge.node import Node  # noqa: PLC0415
+    from edge.zenoh_log import ZenohLog  # noqa: PLC0415
 
     config = _only(load_box(arguments.config), arguments.camera, arguments.config)
     logging.basicConfig(
@@ -86,7 +87,7 @@ def _run(arguments: argparse.Namespace) -> int:
     stop = threading.Event()
     _stop_on_signals(stop)
     before = set(threading.enumerate())
-    with Node(config, arguments.config, stop) as node:
+    with ZenohLog(), Node(config, arguments.config, stop) as node:
         if node.run():
             code = DONE
         else:

@@ -10,11 +10,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from calib.station import check, solving, survey_cli
+from calib.station import check, survey_cli
 from calib.station.config import load
 from calib.station.station import run
 from edge import __version__
 from edge.errors import ConfigError, SkyfixError
+from edge.zenoh_log import ZenohLog
 
 DEFAULT_CONFIG: Final = Path("/etc/skyfix/base.toml")
 LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(message)s"
@@ -22,7 +23,8 @@ LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(message)s"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
-    parsed = _parser().parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    parsed = _parser(next((word for word in given if word in COMMANDS), "")).parse_args(given)
     logging.basicConfig(level=logging.DEBUG if parsed.verbose else logging.INFO, format=LOG_FORMAT, stream=sys.stderr)
     try:
         return COMMANDS[parsed.command](parsed)
@@ -37,11 +39,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    return run(load(arguments.config), _folder(arguments))
+    with ZenohLog():
+        return run(load(arguments.config), _folder(arguments))
 
 
 def _check(arguments: argparse.Namespace) -> int:
     return check.run(load(arguments.config), _folder(arguments))
+
+
+def _solve(arguments: argparse.Namespace) -> int:
+    from calib.station import solving  # noqa: PLC0415 -- slow to load; a station that was killed must be back in seconds
+
+    return solving.run(arguments)
 
 
 def _folder(arguments: argparse.Namespace) -> Path:
@@ -54,11 +63,11 @@ COMMANDS: Final[dict[str, Callable[[argparse.Namespace], int]]] = {
     "run": _run,
     "check": _check,
     "survey": survey_cli.run,
-    "solve": solving.run,
+    "solve": _solve,
 }
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(command: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="base-station",
         description="The field computer: calibrates the cameras from what they see, and says where objects are.",
@@ -74,7 +83,10 @@ def _parser() -> argparse.ArgumentParser:
     solve = commands.add_parser("solve", help="calibrate from a track folder or a recording")
     solve.add_argument("--config", type=Path, help="configuration with surveyed positions, for a recording")
     solve.add_argument("-v", "--verbose", action="store_true", help="log more")
-    solving.add_arguments(solve)
+    if command == "solve":
+        from calib.station import solving  # noqa: PLC0415 -- as above
+
+        solving.add_arguments(solve)
     return parser
 
 
