@@ -1,0 +1,314 @@
+"""NiceGUI around what live.py, words.py and past.py say. One event loop, one process, no state of any importance.
+
+The hazard is the browser that is left open for a week: nothing here grows with time or with the number of looks, a
+browser that does not read is closed, and what a browser shows after a reload is what it showed before, because it is in
+the address, not in the session.
+"""
+
+import asyncio
+import contextlib
+import logging
+import socket
+import time
+from collections import OrderedDict
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import uvicorn
+from fastapi import FastAPI, HTTPException, Response, WebSocket, WebSocketDisconnect
+from nicegui import ui
+from starlette.staticfiles import StaticFiles
+
+from calib.station.page import wire, words
+from calib.station.page.guard import Guard
+from calib.station.page.live import Live
+from calib.station.page.past import Past, listing, named
+from edge.errors import SkyfixError
+
+log = logging.getLogger(__name__)
+
+STATIC: Final = Path(__file__).parent / "static"
+FRAME_S: Final = 0.1
+SCENE_FRAMES: Final = 10  # frames between two scenes
+WORDS_S: Final = 0.5  # between two looks at the words
+SLOW_S: Final = 2.0  # a browser that takes no frame for so long is let go
+PASTS: Final = 2  # recordings kept open
+SECTIONS: Final = {"/": "Map", "/setup": "Setup", "/cameras": "Cameras", "/recordings": "Recordings"}
+
+
+class Page:
+    """What all browsers share."""
+
+    def __init__(self, hello: wire.Hello, feed: socket.socket) -> None:
+        self.hello, self.feed = hello, feed
+        self.live = Live()
+        self._pasts: OrderedDict[str, Past] = OrderedDict()
+        self._ended = asyncio.Event()
+
+    # The station
+
+    async def listen(self) -> None:
+        """Take what the station gives, until it ends."""
+        loop = asyncio.get_running_loop()
+        self.feed.setblocking(False)
+        while packet := await loop.sock_recv(self.feed, wire.LARGEST):
+            try:
+                self.live.take(*wire.unpack(packet), time.monotonic())
+            except (SkyfixError, msgspec.MsgspecError) as error:
+                log.warning("page: %s", error)
+        self._ended.set()
+
+    def wish(self, what: wire.Wish) -> None:
+        """Tell the station. A station that is too busy to hear is asked again by the operator."""
+        with contextlib.suppress(BlockingIOError):
+            self.feed.send(msgspec.json.encode(what))
+
+    # The browsers
+
+    async def watch(self, browser: WebSocket) -> None:
+        """Ten frames a second to one browser, and once a second the scene."""
+        await browser.accept()
+        number = 0
+        with contextlib.suppress(WebSocketDisconnect, asyncio.TimeoutError, RuntimeError):
+            while not self._ended.is_set():
+                message: dict[str, Any] = {"frame": self.live.frame(time.monotonic())}
+                if number % SCENE_FRAMES == 0:
+                    message["scene"] = self.live.scene()
+                text = msgspec.json.encode(message).decode()
+                await asyncio.wait_for(browser.send_text(text), SLOW_S)
+                number += 1
+                await asyncio.sleep(FRAME_S)
+
+    def recordings(self) -> Path | None:
+        """Their folder."""
+        return None if self.hello.recordings is None else Path(self.hello.recordings)
+
+    async def past(self, name: str) -> Past:
+        """A recording, read by a thread when it is first asked for."""
+        folder = self.recordings()
+        file = None if folder is None else named(folder, name)
+        if file is None:
+            raise HTTPException(404, "there is no such recording")
+        if name not in self._pasts:
+            try:
+                self._pasts[name] = await asyncio.to_thread(Past.read, file)
+            except SkyfixError as error:
+                raise HTTPException(422, str(error)) from error
+            while len(self._pasts) > PASTS:
+                self._pasts.popitem(last=False)
+        self._pasts.move_to_end(name)
+        return self._pasts[name]
+
+
+def serve(page: Page, listener: socket.socket) -> None:
+    """Serve until the station ends."""
+    app = FastAPI(openapi_url=None)
+    _routes(app, page)
+    _pages(page)
+    ui.run_with(app, title="Skyfix", favicon="🛰", tailwind=False, show_welcome_message=False, reconnect_timeout=10)
+    asyncio.run(_serve(Guard(app, page.hello.token), page, listener))
+
+
+async def _serve(app: Any, page: Page, listener: socket.socket) -> None:
+    config = uvicorn.Config(app, log_level="warning", lifespan="on", ws_max_size=1 << 16, timeout_graceful_shutdown=1)
+    server = uvicorn.Server(config)
+    serving = asyncio.create_task(server.serve(sockets=[listener]))
+    listening = asyncio.create_task(page.listen())
+    await asyncio.wait({serving, listening}, return_when=asyncio.FIRST_COMPLETED)
+    server.should_exit = True
+    await serving
+
+
+def _routes(app: FastAPI, page: Page) -> None:
+    """Everything that is not for eyes."""
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    if page.hello.tiles is not None:
+        app.mount("/tiles", StaticFiles(directory=page.hello.tiles, check_dir=False), name="tiles")
+
+    @app.get("/status.json")
+    def status() -> Response:
+        return _json(page.live.status)
+
+    @app.get("/metrics")
+    def metrics() -> Response:
+        return Response(page.live.metrics, media_type="text/plain; version=0.0.4")
+
+    @app.get("/preview/{camera}")
+    def preview(camera: str) -> Response:
+        found = page.live.previews.get(camera)
+        if found is None:
+            raise HTTPException(404, "no picture of it yet")
+        return Response(found[1], media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+
+    @app.get("/past/{name}")
+    async def past(name: str, at_s: float) -> Response:
+        return _json((await page.past(name)).at(at_s))
+
+    @app.get("/past/{name}/length")
+    async def length(name: str) -> Response:
+        return _json({"seconds": (await page.past(name)).seconds})
+
+    @app.websocket("/live")
+    async def live(browser: WebSocket) -> None:
+        await page.watch(browser)
+
+
+def _json(content: Any) -> Response:
+    return Response(msgspec.json.encode(content), media_type="application/json")
+
+
+# What is for eyes
+
+
+def _pages(page: Page) -> None:
+    @ui.page("/")
+    def the_map() -> None:
+        _frame(page, "/")
+        _map(tiles=page.hello.tiles is not None)
+
+    @ui.page("/setup")
+    def setup() -> None:
+        _frame(page, "/setup")
+        _setup(page)
+
+    @ui.page("/cameras")
+    def cameras() -> None:
+        _frame(page, "/cameras")
+        _cameras(page)
+
+    @ui.page("/recordings")
+    def recordings(name: str = "") -> None:
+        _frame(page, "/recordings")
+        _recordings(page, name)
+
+
+def _frame(page: Page, here: str) -> None:
+    """What is on every page: where we are, and how the station is."""
+    ui.add_head_html('<link rel="stylesheet" href="/static/station.css">')
+    ui.add_body_html('<script type="module" src="/static/station.js"></script>')
+    with ui.element("header").classes("top"):
+        ui.html(f"<h1>{escape(page.hello.site)}</h1>", sanitize=False)
+        links = "".join(
+            f'<a href="{path}"{" aria-current=page" if path == here else ""}>{name}</a>'
+            for path, name in SECTIONS.items()
+        )
+        ui.html(f'<nav aria-label="Sections">{links}</nav>', sanitize=False)
+        _words(lambda: _banner(page)).props('role="status" aria-live="polite"').classes("banner")
+    ui.html('<p id="lost" role="alert" hidden></p>', sanitize=False)
+
+
+def _banner(page: Page) -> str:
+    status = page.live.status
+    return words.banner(status) if status is not None else "waiting for the station"
+
+
+def _words(text: Any) -> Any:
+    """HTML that is looked at twice a second and sent when it has changed."""
+    element = ui.html(text(), sanitize=False)
+
+    def renew() -> None:
+        new = text()
+        if new != element.content:
+            element.set_content(new)
+
+    ui.timer(WORDS_S, renew)
+    return element
+
+
+def _map(*, tiles: bool) -> None:
+    with ui.element("main").classes("map").props("data-tiles" if tiles else ""):
+        ui.html(
+            '<div class="tools" role="toolbar" aria-label="View">'
+            '<button data-do="3d" aria-pressed="false">3D</button><button data-do="in" aria-label="Zoom in">+</button>'
+            '<button data-do="out" aria-label="Zoom out">−</button><button data-do="all">Show all</button>'
+            '<button data-do="rays" aria-pressed="true">Rays</button>'
+            '<button data-do="coverage" aria-pressed="false">Coverage</button></div>'
+            '<canvas id="map" tabindex="0" role="img" aria-label="Map of cameras and targets. Arrow keys move it, '
+            'plus and minus zoom, 3 tilts it, 0 shows all."></canvas>'
+            '<div id="targets" class="scroll" aria-live="off"></div>',
+            sanitize=False,
+        ).classes("fill")
+
+
+def _setup(page: Page) -> None:
+    with ui.element("main"):
+        _words(lambda: _if_known(page, words.step_list))
+        ui.button("Calibrate now", on_click=lambda: page.wish(wire.Wish(do="calibrate")))
+        ui.html("<h2>Pairs of cameras</h2>", sanitize=False)
+        _words(lambda: _if_known(page, lambda status: words.pair_matrix(status, page.live.focal_px())))
+        ui.html("<h2>Checks</h2>", sanitize=False)
+        _words(lambda: _if_known(page, words.check_table))
+
+
+def _if_known(page: Page, render: Any) -> str:
+    return "" if page.live.status is None else str(render(page.live.status))
+
+
+def _cameras(page: Page) -> None:
+    @ui.refreshable
+    def cards() -> None:
+        with ui.element("div").classes("cards"):
+            for name in _names(page):
+                _card(page, name)
+
+    with ui.element("main"):
+        cards()
+    known = _names(page)
+
+    def look() -> None:
+        nonlocal known
+        if known != _names(page):
+            known = _names(page)
+            cards.refresh()
+
+    ui.timer(WORDS_S, look)
+
+
+def _names(page: Page) -> list[str]:
+    return [] if page.live.status is None else [camera.id for camera in page.live.status.cameras]
+
+
+def _card(page: Page, name: str) -> None:
+    def find() -> Any:
+        assert page.live.status is not None
+        return next(camera for camera in page.live.status.cameras if camera.id == name)
+
+    def toggle() -> None:
+        page.wish(wire.Wish(do="unmute" if find().muted else "mute", camera=name))
+
+    with ui.element("section").classes("card"):
+        ui.html(
+            f'<canvas class="view" data-camera="{escape(name)}" width="480" height="270" role="img" '
+            f'aria-label="What {escape(name)} sees"></canvas>',
+            sanitize=False,
+        )
+        _words(lambda: words.camera_card(find(), page.live.health.get(name)))
+        button = ui.button("Mute", on_click=toggle)
+
+        def label() -> None:
+            text = f"Unmute {name}" if find().muted else f"Mute {name}"
+            if button.text != text:
+                button.set_text(text)
+
+        label()
+        ui.timer(WORDS_S, label)
+
+
+def _recordings(page: Page, name: str) -> None:
+    with ui.element("main"):
+        _words(lambda: _if_known(page, words.recording))
+        with ui.row():
+            ui.button("Start recording", on_click=lambda: page.wish(wire.Wish(do="record")))
+            ui.button("Stop recording", on_click=lambda: page.wish(wire.Wish(do="stop")))
+        folder = page.recordings()
+        _words(lambda: words.recordings([] if folder is None else listing(folder), name))
+        if name:
+            ui.html(
+                f'<div class="past" data-recording="{escape(name)}"><label>Time '
+                '<input id="scrub" type="range" min="0" max="0" step="0.1" value="0"></label>'
+                '<output id="when"></output><canvas id="map" tabindex="0" role="img" aria-label="Map"></canvas>'
+                '<div id="targets" class="scroll"></div></div>',
+                sanitize=False,
+            ).classes("fill")
