@@ -58,7 +58,7 @@ class Site:
 
 
 def demonstrate(scene: Simulation, folder: Path) -> tuple[Score, dict[str, int]]:
-    """Run everything; the score of what was received, and how many of each message. Raises SkyfixError naming what failed."""
+    """Run everything: the score, and how many of each MAVLink message came. Raises SkyfixError naming what failed."""
     if folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True)
@@ -97,7 +97,9 @@ def _start(running: Site, programs: Programs, videos: list[Path], devices: list[
     boxes = []
     for camera, video, device in zip(running.scene.camera, videos, devices, strict=True):
         file = running.folder / f"{camera.id}.toml"
-        text = site.box(running.scene, camera, video.resolve(), device, running.start_unix_ns, running.ports)
+        text = site.box(
+            running.scene.name, camera, site.Inputs(video.resolve(), device, running.start_unix_ns), running.ports
+        )
         file.write_text(text, encoding="utf-8")
         boxes.append(programs.start(f"edge-node-{camera.id}", "edge-node", "run", "--config", str(file)))
     return base, boxes

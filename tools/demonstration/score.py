@@ -49,7 +49,7 @@ def errors_m(positions: Sequence[Position], flights: Sequence[Flight], start_uni
     enu = ecef_to_enu(np.array([position.ecef_m for position in positions], float).reshape(-1, 3), origin)
     t_s = np.array([position.time_ns - start_unix_ns for position in positions]) * 1e-9
     distances = [np.linalg.norm(enu - flight.position_enu(t_s), axis=1) for flight in flights]
-    return np.nan_to_num(np.column_stack(distances), nan=np.inf)
+    return np.asarray(np.nan_to_num(np.column_stack(distances), nan=np.inf))
 
 
 def score(positions: Sequence[Position], flights: Sequence[Flight], start_unix_ns: int, origin: Origin) -> Score:

@@ -34,20 +34,30 @@ def free_tcp_port() -> int:
 
 def antenna_enu(camera: Camera) -> Array:
     """(3,) where the RTK antenna of a tripod is."""
-    return np.array(camera.centre_enu) + (0.0, 0.0, ANTENNA_ABOVE_LENS_M)
+    east, north, up = camera.centre_enu
+    return np.array([east, north, up + ANTENNA_ABOVE_LENS_M])
 
 
-def box(scene: Simulation, camera: Camera, video: Path, device: str, start_unix_ns: int, ports: Ports) -> str:
-    """edge.toml of one tripod, whose video begins at start_unix_ns plus the camera's phase."""
-    first_frame_unix_ns = start_unix_ns + round(camera.phase_s * 1e9)
+@dataclass(frozen=True)
+class Inputs:
+    """What a box is fed with: its video, its receiver's port, and when the scene begins (UTC)."""
+
+    video: Path
+    device: str
+    start_unix_ns: int
+
+
+def box(name: str, camera: Camera, inputs: Inputs, ports: Ports) -> str:
+    """edge.toml of one tripod of the site `name`; its video begins at the scene's start plus the camera's phase."""
+    first_frame_unix_ns = inputs.start_unix_ns + round(camera.phase_s * 1e9)
     config: dict[str, Any] = {
-        "site": scene.name,
+        "site": name,
         "camera": [
             {
                 "id": camera.id,
                 "readout_s": camera.readout_s,
                 "source": {
-                    "path": str(video),
+                    "path": str(inputs.video),
                     "realtime": True,
                     "t0_unix_ns": first_frame_unix_ns,
                     "start_at_unix_ns": first_frame_unix_ns,
@@ -61,7 +71,7 @@ def box(scene: Simulation, camera: Camera, video: Path, device: str, start_unix_
             }
         ],
         "link": {"connect": [f"tcp/127.0.0.1:{ports.zenoh}"]},
-        "gnss": {"device": device, "service": "own-base", "lever_arm_m": [0.0, 0.0, ANTENNA_ABOVE_LENS_M]},
+        "gnss": {"device": inputs.device, "service": "own-base", "lever_arm_m": [0.0, 0.0, ANTENNA_ABOVE_LENS_M]},
         "clock": {"source": "assumed", "assumed_bound_s": CLOCK_BOUND_S},
     }
     return tomli_w.dumps(config)
