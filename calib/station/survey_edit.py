@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,7 @@ from calib.station.survey_store import (
     OccupationTable,
     Survey,
     TapeTable,
+    absolute_sigmas,
     derived,
     occupations_of,
 )
@@ -176,6 +178,9 @@ def describe(survey: Survey) -> str:
     if not frame_known(site.frame):
         lines.append("WARNING: unknown frame: 1 m is added to the absolute sigma; name it with `survey frame`")
     lines += [line for table in survey.camera for line in _describe_camera(table)]
+    if sigmas := absolute_sigmas(survey):
+        worst = max(math.hypot(*sigma[:2]) for sigma in sigmas.values())
+        lines.append(f"in WGS 84: {worst:.2f} m horizontally, the frame's uncertainty included")
     if closure := closure_of(survey):
         lines.append(f"loop closure on {closure[0]} {closure[1]}")
     lines += [str(check) for check in tape_checks(survey)]

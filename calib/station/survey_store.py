@@ -32,6 +32,7 @@ Longitude = Annotated[float, Meta(ge=-180, le=180)]
 Geodetic = tuple[Latitude, Longitude, Annotated[float, Meta(ge=-1000, le=10000)]]
 Sigma = Annotated[float, Meta(ge=0, le=1000)]
 Sigmas = tuple[Sigma, Sigma, Sigma]
+Positive = Annotated[float, Meta(gt=0, le=1000)]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -67,7 +68,7 @@ class EnteredTable(Table, frozen=True, kw_only=True):
     """A lens position from elsewhere: typed in, from a CSV file, or a box's own average."""
 
     position: Geodetic
-    sigma: Sigmas
+    sigma: tuple[Positive, Positive, Positive]
     source: str
 
 

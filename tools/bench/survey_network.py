@@ -69,7 +69,7 @@ def trial(drawn: Drawn, wrong_m: float, rng: np.random.Generator) -> tuple[Netwo
     direction = rng.standard_normal(3)
     surveyed[at] += wrong_m * direction / np.linalg.norm(direction)
     seen = see(drawn, rng)
-    covariance = np.linalg.inv(drawn.information + np.linalg.inv(prior))
+    covariance: Array = np.linalg.inv(drawn.information + np.linalg.inv(prior))
     pull = seen + np.linalg.solve(prior, (surveyed - drawn.centres_m).reshape(-1))
     adjusted = drawn.centres_m + (covariance @ pull).reshape(-1, 3)
     return check_survey(names, surveyed, prior, adjusted, covariance), names[at]
