@@ -289,11 +289,10 @@ class Link:
     def _note_failure(self, error: Exception) -> None:
         with self._lock:
             self._open_failures += 1
-        if self._error != str(error):
-            log.warning(
-                "%s: the Zenoh session does not open (%s); trying again every %.1f s", self._name, error, REOPEN_S
-            )
-        self._error = str(error)
+        said = str(error).partition("  at /")[0]  # the library adds where in its own source it was
+        if self._error != said:
+            log.warning("%s: no session (%s); trying again every %.1f s", self._name, said, REOPEN_S)
+        self._error = said
 
     def _step(self, session: zenoh.Session) -> bool:
         with self._lock:
