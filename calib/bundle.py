@@ -11,13 +11,13 @@ from typing import Final
 
 import numpy as np
 
-from calib.errors import CalibrationError
-from calib.flight import Estimate, jerk
+from calib.errors import CalibrationError, LensError
+from calib.flight import Estimate
 from calib.noise import robust_cost, robust_weight
 from calib.normal import Factor, Normal, Step, factorise
 from calib.priors import CameraPrior, moved
 from calib.projection import CAMERA_SIZE, CameraData, Projected, project
-from calib.spline import ORDER, THIRD_DIFFERENCE
+from calib.smoothness import Smoothness
 from calib.weights import Fitted, Weights, renewed, steady
 from edge.lens import Array
 
@@ -86,7 +86,7 @@ def adjust(problem: Problem, estimate: Estimate, weights: Weights) -> Adjusted:
 def adjust_rounds(problem: Problem, estimate: Estimate, weights: Weights, rounds: int) -> Adjusted:
     """Adjust all rows, at most `rounds` times with weights renewed in between."""
     for count in range(1, rounds + 1):
-        at = _descend(_Point.of(problem, estimate, weights))
+        at = _descend(_Point.of(problem, estimate, weights, Smoothness.at(estimate, weights.jerk_weight)))
         estimate, normal = at.estimate, at.normal()
         factor = _factorise(normal)
         new = renewed(weights, estimate, at.fitted(), normal, factor)
@@ -103,19 +103,20 @@ class _Point:
     problem: Problem
     estimate: Estimate
     weights: Weights
+    smoothness: Smoothness
     projected: tuple[Projected, ...]
 
     @classmethod
-    def of(cls, problem: Problem, estimate: Estimate, weights: Weights) -> "_Point":
+    def of(cls, problem: Problem, estimate: Estimate, weights: Weights, smoothness: Smoothness) -> "_Point":
         pairs = zip(estimate.cameras, problem.data, strict=True)
         images = tuple(project(camera, seen, estimate.flight, estimate.control) for camera, seen in pairs)
-        return cls(problem, estimate, weights, images)
+        return cls(problem, estimate, weights, smoothness, images)
 
     def moved(self, step: Step) -> "_Point":
         changes = step.camera.reshape(-1, CAMERA_SIZE)
         cameras = tuple(moved(camera, change) for camera, change in zip(self.estimate.cameras, changes, strict=True))
         estimate = replace(self.estimate, cameras=cameras, control=self.estimate.control + step.control)
-        return _Point.of(self.problem, estimate, self.weights)
+        return _Point.of(self.problem, estimate, self.weights, self.smoothness)
 
     def lengths(self, index: int) -> Array:
         """(N,) residuals of one camera in sigmas: what the robust loss judges, correlated or not."""
@@ -143,8 +144,7 @@ class _Point:
         )
         for camera, prior in zip(self.estimate.cameras, self.problem.priors, strict=True):
             total += prior.cost(camera)
-        third = jerk(self.estimate.flight, self.estimate.control)
-        return total + float((third**2).sum()) * self.estimate.flight.spacing_s * self.weights.jerk_weight
+        return total + self.smoothness.cost(self.estimate)
 
     def normal(self) -> Normal:
         """The normal equations of a step from here."""
@@ -158,7 +158,7 @@ class _Point:
                 image.located, image.by_point * whiten, image.by_camera * whiten, image.residual * whiten[:, 0], at
             )
             normal.add_prior(at, *self.problem.priors[index].pull(self.estimate.cameras[index]))
-        _add_smoothness(normal, self.estimate, self.weights.jerk_weight)
+        self.smoothness.add_to(normal, self.estimate)
         return normal
 
 
@@ -182,10 +182,10 @@ def _descend(point: _Point) -> _Point:
 
 
 def _trial(point: _Point, normal: Normal, damping: float) -> _Point | None:
-    """Where a damped step leads; None if even damped the equations have no solution."""
+    """Where a damped step leads; None if the equations have no solution, or one that is no lens."""
     try:
         return point.moved(factorise(normal, damping).solve(normal))
-    except np.linalg.LinAlgError:
+    except (np.linalg.LinAlgError, LensError):
         return None
 
 
@@ -198,15 +198,3 @@ def _factorise(normal: Normal) -> Factor:
             where="adjustment",
             action="fly a path with more height and width, or survey more cameras",
         ) from error
-
-
-def _add_smoothness(normal: Normal, estimate: Estimate, jerk_weight: float) -> None:
-    """White jerk: the acceleration is a random walk, which is what wind and a pilot's hand make of it."""
-    first, h = estimate.flight.piece_controls, estimate.flight.spacing_s
-    third = jerk(estimate.flight, estimate.control)
-    information = h * jerk_weight / h**6
-    for i in range(ORDER):
-        np.add.at(normal.right_control, first + i, -information * h**3 * THIRD_DIFFERENCE[i] * third)
-        for k in range(ORDER - i):
-            value = information * THIRD_DIFFERENCE[i] * THIRD_DIFFERENCE[i + k]
-            np.add.at(normal.block[k], first + i, value * np.eye(3))

@@ -62,17 +62,20 @@ def refine(material: Material, beginning: Beginning, knots_s: float, weights: We
         outcast = _outcast(adjusted, problem)
         if outcast:
             left_out[outcast[0]] = outcast[1]
-            beginning = _without(beginning, adjusted.estimate.cameras, outcast[0])
-        elif (wrong := _wrong_position(adjusted, problem)) and beginning.gauge is None:
-            beginning = replace(
-                beginning,
-                cameras=adjusted.estimate.cameras,
-                disbelieved=(*beginning.disbelieved, wrong[0]),
-                findings=(*beginning.findings, wrong[1]),
-            )
+            beginning, weights = _without(beginning, adjusted.estimate.cameras, outcast[0]), None
+        elif beginning.gauge is None and (wrong := _wrong_position(adjusted, problem)):
+            beginning, weights = _disbelieving(beginning, adjusted.estimate.cameras, *wrong), adjusted.weights
         else:
             return Refined(adjusted, problem, beginning, left_out)
-        weights = None
+
+
+def _disbelieving(beginning: Beginning, cameras: tuple[Camera, ...], name: str, why: str) -> Beginning:
+    return replace(
+        beginning,
+        cameras=cameras,
+        disbelieved=(*beginning.disbelieved, name),
+        findings=(*beginning.findings, why),
+    )
 
 
 def _problem(material: Material, beginning: Beginning, knots_s: float) -> tuple[Problem, Estimate]:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from calib.bootstrap import to_enu
-from calib.clocks import COARSE_STEP_S, FINE_STEP_S, NEAR_S
+from calib.clocks import COARSE_STEP_S, FAR_S, FINE_STEP_S, NEAR_S
 from calib.flight import Estimate
 from calib.identity import Key
 from calib.network import Camera
@@ -46,10 +46,12 @@ def _best(estimate: Estimate, tracks: list[Track]) -> tuple[Track, int, float, P
     found: list[tuple[float, Track, int, float, Pose]] = []
     for track in tracks[:3]:
         for target in np.unique(estimate.flight.target).tolist():
-            offset_s = _clock(estimate, track, target)
-            pose = _resect(estimate, track, target, offset_s)
-            if pose and pose.share >= FAIR_SHARE:
-                found.append((pose.share, track, target, offset_s, pose))
+            for reach_s in (NEAR_S, FAR_S):
+                offset_s = _clock(estimate, track, target, reach_s)
+                pose = _resect(estimate, track, target, offset_s)
+                if pose and pose.share >= FAIR_SHARE:
+                    found.append((pose.share, track, target, offset_s, pose))
+                    break
     if not found:
         return None
     _, track, target, offset_s, pose = max(found, key=lambda entry: entry[0])
@@ -71,10 +73,9 @@ def _resect(estimate: Estimate, track: Track, target: int, offset_s: float) -> P
     return Pose(found.R, found.centre, found.share) if found else None
 
 
-def _clock(estimate: Estimate, track: Track, target: int) -> float:
-    """The offset at which some projection (any 3 x 4 matrix) explains the track best."""
+def _clock(estimate: Estimate, track: Track, target: int, reach: float) -> float:
+    """The offset within +-reach seconds at which some projection (any 3 x 4 matrix) explains the track best."""
     best, step = 0.0, COARSE_STEP_S
-    reach = NEAR_S
     while step >= FINE_STEP_S / 2:
         offsets = best + np.arange(-reach, reach + step / 2, step)
         best = float(offsets[int(np.argmin([_misfit(*_points(estimate, track, target, o)) for o in offsets]))])
