@@ -12,7 +12,7 @@ Horizontal figures of the model are 2-D rms; per axis they are smaller by sqrt(2
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +69,8 @@ class StaticMean:
 
     mean_m, sigma_m: (3,) east, north, up. Of sigma, scatter_m is what a longer session makes smaller, floor_m what only
     another occupation later does, fixed_m (pole, baseline, resolution) what nothing does. fault: why the session must
-    not be used, empty if it may; young if more time is all it needs. warnings: what to tell the operator.
+    not be used, empty if it may; young if more time is all it needs; moved_until_s, on the epochs' own clock, if it is
+    that the antenna was not at rest until then. warnings: what to tell the operator.
     """
 
     mean_m: Array
@@ -83,6 +84,7 @@ class StaticMean:
     segments: int
     fault: str = ""
     young: bool = False
+    moved_until_s: float | None = None
     warnings: tuple[str, ...] = ()
 
 
@@ -118,7 +120,8 @@ def average(
     floor = np.array(service.floor_m)
     fixed = np.sqrt(np.array(POLE_SIGMA_M) ** 2 + resolution**2 + (PPM * baseline_m) ** 2)
     sigma = np.maximum(np.sqrt(scatter**2 + floor**2 + fixed**2), LEAST_SIGMA_M)
-    fault = fault or _drift(t_s[agreeing], enu_m[agreeing], service)
+    drift = None if fault else _drift(t_s[agreeing], enu_m[agreeing], service)
+    fault = drift.fault if drift else fault
     young = not fault and (keep.sum() < MIN_SAMPLES or observed_s < MIN_DURATION_S)
     if young:
         fault = f"only {int(keep.sum())} epochs in {observed_s:.1f} s so far"
@@ -134,6 +137,7 @@ def average(
         segments=len(np.unique(segment[keep])),
         fault=fault,
         young=bool(young),
+        moved_until_s=drift.until_s if drift else None,
         warnings=_warnings(enu_m, step_m),
     )
 
@@ -186,10 +190,17 @@ def _scatter(enu_m: Array, duration_s: float, service: Service) -> Array:
     return scatter
 
 
-def _drift(t_s: Array, enu_m: Array, service: Service) -> str:
-    """Why this is no antenna at rest; empty if it may be one. Compares block medians over all lags with the model."""
+class _Drift(NamedTuple):
+    """Why this is no antenna at rest, and until when it was not."""
+
+    fault: str
+    until_s: float
+
+
+def _drift(t_s: Array, enu_m: Array, service: Service) -> _Drift | None:
+    """Block medians over all lags, compared with what the model's error does in that time."""
     if len(t_s) < MIN_SAMPLES:
-        return ""
+        return None
     blocks = np.floor((t_s - t_s[0]) / DRIFT_BLOCK_S).astype(np.int64)
     edges = np.flatnonzero(np.diff(blocks)) + 1
     times = np.array([part.mean() for part in np.split(t_s, edges)])
@@ -199,14 +210,17 @@ def _drift(t_s: Array, enu_m: Array, service: Service) -> str:
     while lag < len(times):
         moved = np.abs(medians[lag:] - medians[:-lag])
         allowed = DRIFT_SIGMAS * np.sqrt(_increment_variance(times[lag:] - times[:-lag], service) + 2 * noise**2)
-        if np.any(moved > allowed):
-            worst = int(np.argmax((moved / allowed).max(axis=1)))
-            return (
-                f"it moved {np.linalg.norm(medians[worst + lag] - medians[worst]):.3f} m within "
-                f"{times[worst + lag] - times[worst]:.0f} s: not a fixed solution of an antenna at rest"
+        excess = (moved / allowed).max(axis=1)
+        if np.any(excess > 1):
+            worst, last = int(np.argmax(excess)), int(np.flatnonzero(excess > 1)[-1])
+            distance_m = float(np.linalg.norm(medians[worst + lag] - medians[worst]))
+            fault = (
+                f"it moved {distance_m:.3f} m within {times[worst + lag] - times[worst]:.0f} s: "
+                "not a fixed solution of an antenna at rest"
             )
+            return _Drift(fault, float(times[last + lag]))
         lag *= 2
-    return ""
+    return None
 
 
 def _step_noise(enu_m: Array) -> Array:

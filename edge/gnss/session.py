@@ -1,12 +1,14 @@
 """From a receiver's bytes to a surveyed position: framing, decoding, joining, both gates and the average, in order.
 
 Pure: bytes and times are handed in, so a live receiver, a recording and a test run the same code. A session looks at
-the last ten minutes only: longer averaging gains little, and a tripod that was moved is believed again after that.
+the last ten minutes only: longer averaging gains little, and a tripod that was moved is believed again after that. What
+a receiver says while it still converges is dropped, and a minute must pass at rest before it is believed again.
 """
 
 import datetime as dt
+import math
 from collections import Counter, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -29,6 +31,7 @@ from edge.gnss.gates import (
 )
 
 WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardly anything
+SETTLING_S: Final = 60.0  # a receiver that has just fixed converges for up to a minute
 MOST_EPOCHS: Final = 12_000  # ten minutes at 20 Hz
 NS_PER_MS: Final = 1_000_000
 NS_PER_DAY: Final = nmea.MS_PER_DAY * NS_PER_MS
@@ -68,6 +71,8 @@ class StaticSession:
         self._window: deque[_Accepted] = deque(maxlen=MOST_EPOCHS)
         self._segment = 0
         self._now_s = 0.0
+        self._moved_until_s = -math.inf
+        self._moved = ""
         self._provisional: deque[Reason] = deque(maxlen=CONFIRMATIONS)
         self.counts: Counter[str] = Counter()
         self.refusals: Counter[Reason] = Counter()
@@ -99,21 +104,21 @@ class StaticSession:
         """Forget all positions: another tripod, or another occupation of the same."""
         self._gate.interrupt()
         self._window.clear()
+        self._moved_until_s = -math.inf
 
     def surveyed(self) -> Surveyed | None:
         """The position averaged so far; None before the first accepted epoch. Its mean's `fault` may forbid its use."""
         if not self._window:
             return None
-        first = self._window[0].position
-        enu = np.array([accepted.offset_m for accepted in self._window])
-        mean = average(
-            np.array([accepted.t_s for accepted in self._window]),
-            enu,
-            np.array([accepted.segment for accepted in self._window]),
-            self._service,
-            step_m=first.step_m,
-            baseline_m=self._baseline_m,
-        )
+        mean = self._mean()
+        while mean.moved_until_s is not None:
+            self._moved_until_s, self._moved = mean.moved_until_s, mean.fault
+            while self._window[0].t_s < mean.moved_until_s:
+                self._window.popleft()
+            mean = self._mean()
+        rest_s = self._now_s - self._moved_until_s
+        if rest_s < SETTLING_S and (not mean.fault or mean.young):
+            mean = replace(mean, fault=f"{self._moved}; at rest for {rest_s:.0f} of {SETTLING_S:.0f} s", young=False)
         origin = self._origin
         east_m, north_m = metres_per_degree(origin.lat_deg)
         east, north, up = (float(value) for value in mean.mean_m)
@@ -123,6 +128,16 @@ class StaticSession:
             origin.height_m + up,
             mean,
             self._window[-1].position,
+        )
+
+    def _mean(self) -> StaticMean:
+        return average(
+            np.array([accepted.t_s for accepted in self._window]),
+            np.array([accepted.offset_m for accepted in self._window]),
+            np.array([accepted.segment for accepted in self._window]),
+            self._service,
+            step_m=self._window[0].position.step_m,
+            baseline_m=self._baseline_m,
         )
 
     def _add(self, frame: Frame, t_s: float) -> list[Epoch]:
@@ -172,7 +187,7 @@ class StaticSession:
     def _append(self, position: Position, segment: int, silence_s: float) -> None:
         """silence_s: how long nothing was accepted, by our own clock; the receiver's may have been set meanwhile."""
         if not self._window:
-            self._origin, self._now_s = position, 0.0
+            self._origin = position
         else:
             step_s = elapsed_ms(position.t_day_ms, self._window[-1].position.t_day_ms) / 1000
             self._now_s += max(step_s, silence_s)
