@@ -10,7 +10,9 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
+from calib.station.page.access import is_own
 from edge import settings
 from edge.errors import ConfigError
 from edge.link_profile import BASE_LINK, LinkSettings
@@ -22,7 +24,7 @@ MAX_CAMERAS: Final = 32  # bits of TARGET_TRACK_ECEF.camera_mask
 Degrees = Annotated[float, Meta(ge=-180, le=180)]
 Geodetic = tuple[Annotated[float, Meta(ge=-90, le=90)], Degrees, Annotated[float, Meta(ge=-1000, le=10000)]]
 PositiveMetres = Annotated[float, Meta(gt=0, le=1000)]
-Port = Annotated[int, Meta(ge=1, le=65535)]
+Port = Annotated[int, Meta(ge=0, le=65535)]
 
 
 class SiteSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -109,10 +111,13 @@ class RecordingSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
 
 class StatusSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the station tells how it is: /status.json and /metrics over HTTP."""
+    """Where the station tells how it is over HTTP: /status.json, /metrics and, with the extra `page`, the page."""
 
-    host: str = "127.0.0.1"
-    port: Port | None = 8080  # None: no HTTP
+    host: str = "127.0.0.1"  # another address than this machine's own needs a token
+    port: Port | None = 8080  # 0 in the file, None here: no HTTP
+    page: bool = True  # the operator's page, in a process of its own that starts when somebody looks
+    token_file: str | None = None  # file of 16 characters or more, mode 0600; whoever looks must know them
+    tiles: str | None = None  # folder of map tiles, Z/X/Y.png in Web Mercator, for the map's background
 
 
 class BaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -132,7 +137,10 @@ class BaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 def load(path: Path | str) -> BaseConfig:
     """The configuration in a file. Raises ConfigError naming file, key and what is allowed there."""
-    return checked(settings.load(path, BaseConfig), Path(path))
+    config = checked(settings.load(path, BaseConfig), Path(path))
+    if config.status.port == 0:  # TOML has no None
+        return replace(config, status=replace(config.status, port=None))
+    return config
 
 
 def checked(config: BaseConfig, path: Path) -> BaseConfig:
@@ -157,6 +165,13 @@ def checked(config: BaseConfig, path: Path) -> BaseConfig:
         path,
         "[link] neither listens nor connects",
         'give listen = ["tcp/HOST:7447"] for boxes to dial, or leave [link] out',
+    )
+    host = config.status.host
+    _refuse(
+        not is_own(host) and config.status.token_file is None,
+        path,
+        f"status.host {host} can be reached by others, and there is no token",
+        'give status.token_file, made with `openssl rand -hex 16`, or leave host at "127.0.0.1"',
     )
     urls = [endpoint.url for endpoint in config.mavlink.endpoint]
     _refuse(

@@ -77,6 +77,7 @@ class Station:
         self.standing = Standing(Phase.COLLECTING, "just started", "")
         self.counters: Counter[str] = Counter()
         self.extra_checks: list[Check] = []
+        self.muted: set[str] = set()  # cameras that the operator left out: recorded, and not used
         self._busy = False
         self._starts: dict[str, int] = {}
         self._fast_ns = self._slow_ns = self._frame_ns = 0
@@ -114,10 +115,12 @@ class Station:
         frame = self.intake.frame(camera, payload, now_ns)
         if frame is None:
             return []
-        if camera.lens is not None:
+        if camera.id not in self.muted:
             self.window.add(frame)
             self.guard.observe(frame)
         self._frame_ns = now_ns
+        if camera.id in self.muted:
+            return []
         if self.tracker is None or camera.flooded or camera.id not in self.calibration.trusted:
             return []
         sigma_px = np.where(np.isnan(frame.sigma_px), self.config.tracking.sigma_px, frame.sigma_px)

@@ -166,7 +166,7 @@ class Intake:
         except (MessageError, LensError) as error:
             camera.fault("lens", error.what, "check the box's lens file", now_ns)
             return False
-        changed = camera.lens != lens
+        changed = camera.lens is not None and camera.lens != lens
         camera.lens = lens
         return changed
 

@@ -6,6 +6,7 @@ before anything is computed from it.
 """
 
 import logging
+import shutil
 import time
 from collections import deque
 from contextlib import ExitStack
@@ -24,14 +25,17 @@ from calib.station.config import BaseConfig
 from calib.station.core import Station, Tick
 from calib.station.mavlink import TrackerStatus
 from calib.station.memory import Keeper
+from calib.station.page.process import PageProcess
+from calib.station.page.wire import Wish
 from calib.station.positions import with_survey
 from calib.station.recording import Recorder
 from calib.station.snapshot import snapshot
-from calib.station.status_server import StatusServer
-from calib.station.worker import Done, Solver, Worker, solve_live
+from calib.station.status_server import StatusServer, open_status
+from calib.station.worker import LIVE, Done, Solver, Worker
 from edge.health import Check
 from edge.inbox import Received
 from edge.link import Link
+from edge.link_health import LinkHealth
 from edge.messages import HealthLevel, camera_key, camera_of_key, encode, station_key
 
 log = logging.getLogger(__name__)
@@ -51,7 +55,7 @@ MAV_STATES: Final = {
 class Runner:
     """The station with everything that touches the world around it."""
 
-    def __init__(self, config: BaseConfig, folder: Path, stack: ExitStack, solver: Solver = solve_live) -> None:
+    def __init__(self, config: BaseConfig, folder: Path, stack: ExitStack, solver: Solver | str = LIVE) -> None:
         """folder: what relative paths are relative to. stack: closes all of it, last opened first."""
         self.config = config
         site = config.site.name
@@ -60,18 +64,22 @@ class Runner:
         memory = self.keeper.load(set(cameras))
         self.station = Station(config, cameras, memory)
         self.epoch = memory.epoch
-        self.recorder = self._recorder(folder)
+        self.recordings = None if config.recording.folder is None else folder / config.recording.folder
+        self.recorder = self._recorder()
+        self.records = self.recorder is not None
         stack.callback(self._finish_recording)
         self.worker = stack.enter_context(Worker(solver))
         signing = memory.signing_ticks
         self.broadcast = stack.enter_context(Broadcast(config, folder, memory.epoch, signing, self._record_mavlink))
         self.link = stack.enter_context(Link(config.link, name="station"))
+        self.link_health = LinkHealth(self.link)
         self.inbox = self.link.subscribe(camera_key(site, "*", "tracks"), QUEUE)
         self.states = [self.link.watch_state(camera_key(site, "*", topic)) for topic in ("lens", "fix", "health")]
         self.presence = self.link.watch_presence(camera_key(site, "*"))
         self.backfill = stack.enter_context(Backfill(self.link, site, folder / config.state_folder / "ledger.json"))
         self.link.declare_presence(station_key(site))
-        self.status = stack.enter_context(StatusServer(config.status))
+        self.status: StatusServer | PageProcess = open_status(config, folder)
+        stack.enter_context(self.status)
         # An arrival clock that never steps, and yet reads as UTC in the recording.
         self._utc_ns = time.time_ns() - time.monotonic_ns()
         self.began_ns = self.now_ns()
@@ -85,12 +93,12 @@ class Runner:
         """UTC nanoseconds by the monotonic clock."""
         return time.monotonic_ns() + self._utc_ns
 
-    def _recorder(self, folder: Path) -> Recorder | None:
+    def _recorder(self) -> Recorder | None:
         options = self.config.recording
-        if options.folder is None:
+        if self.recordings is None:
             return None
-        place, name = folder / options.folder, self.config.site.name
-        return Recorder(place, name, max_file_mb=options.max_file_mb, min_free_mb=options.min_free_mb)
+        name = self.config.site.name
+        return Recorder(self.recordings, name, max_file_mb=options.max_file_mb, min_free_mb=options.min_free_mb)
 
     def _finish_recording(self) -> None:
         if self.recorder is not None:
@@ -98,11 +106,11 @@ class Runner:
 
     def record(self, key: str, payload: bytes, now_ns: int) -> None:
         """Put a message into the recording."""
-        if self.recorder is not None:
+        if self.recorder is not None and self.records:
             self.recorder.write(key, payload, now_ns)
 
     def _record_mavlink(self, url: str, frame: bytes) -> None:
-        if self.recorder is not None:
+        if self.recorder is not None and self.records:
             payload = b'{"endpoint":"%s","frame":"%s"}' % (url.encode(), frame.hex().encode())
             self.recorder.write(station_key(self.config.site.name, "mavlink"), payload, self.now_ns())
 
@@ -126,12 +134,31 @@ class Runner:
         if self.station.calibration.network is not self._in_force:
             self._adopted(now_ns)
         self.broadcast.receive(now_ns, self.station.now_unix_ns(now_ns), self._wish)
+        self._attend_page(now_ns)
         return tick.slow
+
+    def _attend_page(self, now_ns: int) -> None:
+        for wish in self.status.wishes():
+            self._grant(wish)
+        if self.station.health is not None and self.status.due():
+            self.status.show(snapshot(self, now_ns))
+
+    def _grant(self, wish: Wish) -> None:
+        log.info("the operator: %s %s", wish.do, wish.camera)
+        if wish.do == "calibrate":
+            self._wish("calibrate")
+        elif wish.do in ("record", "stop"):
+            self.records = wish.do == "record" and self.recorder is not None
+            if self.recorder is not None and not self.records:
+                self.recorder.close()
+        elif wish.camera in self.station.intake.cameras:
+            (self.station.muted.add if wish.do == "mute" else self.station.muted.discard)(wish.camera)
 
     def _hear(self, message: Received) -> None:
         now_ns = message.t_monotonic_ns + self._utc_ns
         self.record(message.key, message.payload, now_ns)
         targets = self.station.handle(message.key, message.payload, now_ns)
+        self.status.feed(f"tracks/{camera_of_key(message.key)}", message.payload)
         self._note_received(message)
         if targets:
             self.broadcast.targets(targets, now_ns, self.synced)
@@ -150,6 +177,8 @@ class Runner:
                 now_ns = message.t_monotonic_ns + self._utc_ns
                 self.record(message.key, message.payload, now_ns)
                 self.station.handle(message.key, message.payload, now_ns)
+                if message.key.endswith("/health"):
+                    self.status.feed(f"health/{camera_of_key(message.key)}", message.payload, keep=True)
         for token in self.presence.drain():
             camera = camera_of_key(token.key)
             self.record(token.key, b'{"alive":%s}' % (b"true" if token.alive else b"false"), self.now_ns())
@@ -161,6 +190,7 @@ class Runner:
         for topic, message in tick.publish:
             key, payload = station_key(self.config.site.name, topic), encode(message)
             self.record(key, payload, now_ns)
+            self.status.feed(topic, payload, keep=topic == "network")
             if topic == "network":
                 self.link.set_state(key, message)
             else:
@@ -207,11 +237,19 @@ class Runner:
     @property
     def counters(self) -> dict[str, float]:
         """What the parts around the core counted."""
-        link, late = self.link.counters, self.backfill.counters
-        found = {f"link_{name}": getattr(link, name) for name in link.__struct_fields__}
+        late = self.backfill.counters
+        found = self.link_health.counters()
         found |= {f"backfill_{name}": getattr(late, name) for name in late.__struct_fields__}
         found |= {"inbox_dropped": self.inbox.dropped}
         return found | {"recorded": 0 if self.recorder is None else self.recorder.messages}
+
+    @property
+    def free_mb(self) -> int | None:
+        """What is left on the recordings' disk."""
+        try:
+            return None if self.recordings is None else shutil.disk_usage(self.recordings).free // 10**6
+        except OSError:  # no such folder before the first recording
+            return None
 
     @property
     def synced(self) -> bool:
@@ -220,9 +258,7 @@ class Runner:
         return sum(bound is not None and bound <= SYNCED_S for bound in bounds) >= 2
 
     def _own_checks(self) -> list[Check]:
-        checks = []
-        if self.link.error:
-            checks.append(Check("link", "fail", self.link.error, "check [link] and whether the port is free"))
+        checks = self.link_health.checks(who="the port")
         for line in self.broadcast.status:
             failing = line.errors > self._errors.get(line.url, 0)
             self._errors[line.url] = line.errors

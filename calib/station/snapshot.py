@@ -54,7 +54,9 @@ def snapshot(runner: Runner, now_ns: int) -> StationStatus:
         tentative=0 if station.tracker is None else station.tracker.tentative,
         latency_ms=(float(np.median(latencies)), float(np.percentile(latencies, 99))) if latencies else None,
         endpoints=runner.broadcast.status,
-        recording=None if runner.recorder is None or runner.recorder.path is None else str(runner.recorder.path),
+        recording=_recording(runner),
+        recording_folder=None if runner.recordings is None else str(runner.recordings),
+        free_mb=runner.free_mb,
         health=station.health,
         counters=dict(sorted(station.health.counters.items())) | runner.counters,
     )
@@ -64,6 +66,7 @@ def _camera(runner: Runner, box: CameraIntake, now_ns: int) -> CameraStatus:
     station = runner.station
     network = station.calibration.network
     calibrated = None if network is None else network.camera(box.id)
+    place = station.positions.of(box.id, box)
     item = next(item for item in station.health.items if item.name == f"camera {box.id}") if station.health else None
     return CameraStatus(
         id=box.id,
@@ -73,11 +76,13 @@ def _camera(runner: Runner, box: CameraIntake, now_ns: int) -> CameraStatus:
         detections_per_frame=box.detections,
         clock_bound_s=box.clock_bound_s,
         clock_offset_s=None if calibrated is None else calibrated.clock_offset_s,
-        surveyed=station.positions.of(box.id, box) is not None,
+        surveyed=place is not None,
         calibrated=box.id in station.calibration.trusted,
         suspect=station.calibration.suspects.get(box.id, ""),
         missed=box.counters["missed"],
         reason="" if item is None else item.reason,
+        muted=box.id in station.muted,
+        centre_enu=None if place is None else _triple(place[0]),
         counters=dict(box.counters),
     )
 
@@ -100,3 +105,9 @@ def _target(target: Outgoing, origin: Origin) -> TargetStatus:
 def _triple(vector: np.ndarray) -> tuple[float, float, float]:
     x, y, z = vector.tolist()
     return x, y, z
+
+
+def _recording(runner: Runner) -> str | None:
+    if runner.recorder is None or runner.recorder.path is None or not runner.records:
+        return None
+    return str(runner.recorder.path)

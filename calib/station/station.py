@@ -17,7 +17,7 @@ from typing import Final
 
 from calib.station.config import BaseConfig
 from calib.station.runner import Runner
-from calib.station.worker import Solver, solve_live
+from calib.station.worker import LIVE, Solver
 from edge.systemd_notify import Notifier
 
 log = logging.getLogger(__name__)
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 HURRIED_EXIT: Final = 130  # as a shell reports an interrupted program
 
 
-def run(config: BaseConfig, folder: Path, solver: Solver = solve_live, stop: threading.Event | None = None) -> int:
+def run(config: BaseConfig, folder: Path, solver: Solver | str = LIVE, stop: threading.Event | None = None) -> int:
     """Run until told to stop. folder: what relative paths are relative to. Raises ConfigError, LinkError."""
     stopping = stop or threading.Event()
     if stop is None:

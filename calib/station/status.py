@@ -13,7 +13,10 @@ from edge.messages import Health
 
 
 class CameraStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One camera. behind_s: its stamps behind the stream's now. suspect: why it is left out, empty if it is not."""
+    """One camera. suspect: why it is left out, empty if it is not. muted: the operator left it out.
+
+    centre_enu: where its survey says it is, None if it does not.
+    """
 
     id: str
     online: bool
@@ -27,6 +30,8 @@ class CameraStatus(msgspec.Struct, frozen=True, kw_only=True):
     suspect: str
     missed: int
     reason: str
+    muted: bool = False
+    centre_enu: tuple[float, float, float] | None = None
     counters: dict[str, int]
 
 
@@ -86,6 +91,8 @@ class StationStatus(msgspec.Struct, frozen=True, kw_only=True):
     latency_ms: tuple[float, float] | None  # median and 99th percentile, message received to MAVLink sent
     endpoints: list[EndpointStatus]
     recording: str | None
+    recording_folder: str | None = None
+    free_mb: int | None = None  # on the recording's disk
     health: Health
     counters: dict[str, float]
 

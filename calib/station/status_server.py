@@ -3,24 +3,49 @@
 The hazard is a browser that slows the tracker; so nothing is computed here, and the server has a thread of its own.
 """
 
+import logging
 import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import msgspec
 
-from calib.station.config import StatusSection
+from calib.station.config import BaseConfig, StatusSection
+from calib.station.page.access import allowed, read_token
+from calib.station.page.process import PageProcess, available
+from calib.station.page.wire import Wish
 from calib.station.status import StationStatus, prometheus
 from edge.errors import ConfigError
+
+log = logging.getLogger(__name__)
+
+
+def open_status(config: BaseConfig, folder: Path) -> "StatusServer | PageProcess":
+    """The page where it is wanted and its library is installed, else the bare status. Raises ConfigError."""
+    options, recordings = config.status, config.recording.folder
+    if not options.page or options.port is None:
+        return StatusServer(options, folder)
+    if not available():
+        log.info("no operator's page: its library is not installed (pip install 'skyfix[base,page]')")
+        return StatusServer(options, folder)
+    return PageProcess(
+        options,
+        folder,
+        config.site.name,
+        recordings=None if recordings is None else folder / recordings,
+        stale_s=config.tracking.stale_s,
+    )
 
 
 class StatusServer:
     """Serves the status last shown. Port None: nothing is served."""
 
-    def __init__(self, options: StatusSection) -> None:
-        """Raises ConfigError if the address cannot be had."""
+    def __init__(self, options: StatusSection, folder: Path) -> None:
+        """Raises ConfigError if the address cannot be had, or the token cannot be read."""
+        self._token = read_token(folder / options.token_file) if options.token_file else ""
         self._pages: dict[str, tuple[str, bytes]] = {}
         self._server: ThreadingHTTPServer | None = None
         if options.port is not None:
@@ -60,6 +85,19 @@ class StatusServer:
             "/metrics": ("text/plain; version=0.0.4", prometheus(status).encode()),
         }
 
+    # What only the page needs
+
+    def due(self) -> bool:
+        """Nobody looks."""
+        return False
+
+    def feed(self, name: str, payload: bytes, *, keep: bool = False) -> None:
+        """Nobody is shown more."""
+
+    def wishes(self) -> list[Wish]:
+        """Nobody wishes anything."""
+        return []
+
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         server = self
 
@@ -67,7 +105,12 @@ class StatusServer:
             timeout = 5  # s: a client that says nothing does not hold a thread for ever
 
             def do_GET(self) -> None:
-                page = server._pages.get(self.path)
+                path, _, query = self.path.partition("?")
+                headers = {name.lower(): value for name, value in self.headers.items()}
+                if not allowed(server._token, headers, query):
+                    self.send_error(HTTPStatus.UNAUTHORIZED, "a token is needed")
+                    return
+                page = server._pages.get(path)
                 if page is None:
                     self.send_error(HTTPStatus.NOT_FOUND, "there are /status.json and /metrics")
                     return

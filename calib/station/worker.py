@@ -5,6 +5,7 @@ process is spawned (Zenoh must not be forked), talks through pipes, solves one s
 moment: it holds nothing that is not asked for again. What goes wrong in it comes back as words, never as silence.
 """
 
+import importlib
 import logging
 import multiprocessing
 import os
@@ -12,18 +13,14 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Final, Self
 
-import numpy as np
-
 from calib.errors import CalibrationError, SkyfixError
 from calib.network import Network
 from calib.observations import Scene
-from calib.solution import Report
-from calib.solve import solve
 
 log = logging.getLogger(__name__)
 
@@ -33,15 +30,29 @@ TOO_LONG_S: Final = 300.0  # s: a solve that takes longer is stuck
 
 
 @dataclass(frozen=True)
+class Noise:
+    """A camera's pixel error as the adjustment found it: one sigma a coordinate, and for how long it stays the same."""
+
+    sigma_px: float
+    correlated_s: float
+
+
+@dataclass(frozen=True)
 class Solved:
-    """What the live station needs of a solution. sigma_m: median one sigma of the flight's positions."""
+    """What the live station needs of a solution, in words that need no solver to be read.
+
+    sigma_m: median one sigma of the flight's positions. left_out: camera and why. findings: what was found wrong.
+    """
 
     network: Network
-    report: Report
     sigma_m: float
+    noise: dict[str, Noise] = field(default_factory=dict)
+    left_out: tuple[tuple[str, str], ...] = ()
+    findings: tuple[str, ...] = ()
 
 
 Solver = Callable[[Scene, Network | None], Solved]
+LIVE: Final = "calib.station.live_solver:solve_live"  # by name: only its own process needs to load the solver
 
 
 @dataclass(frozen=True)
@@ -63,16 +74,18 @@ class Done:
     seconds: float
 
 
-def solve_live(scene: Scene, start: Network | None) -> Solved:
-    """The calibration's own solver; the trajectory stays in its process, where it is large and in nobody's way."""
-    solution = solve(scene, start=start)
-    spread = np.linalg.eigvalsh(solution.trajectory.covariance_enu)[:, -1]
-    return Solved(solution.network, solution.report, float(np.sqrt(np.median(spread))))
+def _loaded(solver: Solver | str) -> Solver:
+    if not isinstance(solver, str):
+        return solver
+    module, _, name = solver.partition(":")
+    loaded: Solver = getattr(importlib.import_module(module), name)
+    return loaded
 
 
-def _serve(pipe: Connection, solver: Solver) -> None:
+def _serve(pipe: Connection, wanted: Solver | str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the station's to answer
     os.nice(NICENESS)
+    solver = _loaded(wanted)
     while True:
         try:
             job: Job = pipe.recv()
@@ -107,7 +120,7 @@ def _send(pipe: Connection, job: Job) -> None:
 class Worker:
     """One solving process, started when first needed and again when it has died."""
 
-    def __init__(self, solver: Solver = solve_live) -> None:
+    def __init__(self, solver: Solver | str = LIVE) -> None:
         self._solver = solver
         self._context = multiprocessing.get_context("spawn")
         self._process: Any = None

@@ -46,7 +46,7 @@ class Fed:
             known = {camera.id for camera in tick.job.scene.cameras}
             network = replace(self.scene.network, cameras=self.scene.network.cameras)
             assert {camera.id for camera in network.cameras} == known or len(known) >= 3
-            self.station.solved(Done(tick.job.number, Solved(network, None, 0.1), None, 1.0))  # type: ignore[arg-type]
+            self.station.solved(Done(tick.job.number, Solved(network, 0.1), None, 1.0))
         phase = self.station.standing.phase.value
         if not self.phases or self.phases[-1][1] != phase:
             self.phases.append((at_s, phase))

@@ -1,4 +1,4 @@
-"""What receivers need: true fields, ids, heights; ends that are said; commands answered, and obeyed only when allowed."""
+"""What receivers need: true fields, ids, heights; ends that are said; commands obeyed only when allowed."""
 
 import math
 import time
