@@ -7,6 +7,7 @@ session that is not closed hangs the process at exit, so a Link is a context man
 """
 
 import logging
+import re
 import threading
 import time
 from collections import deque
@@ -33,6 +34,7 @@ QUERY_TIMEOUT_S: Final = 2.0
 MAX_REPLIES: Final = 2048  # to one question; an honest answer has a dozen, or one per camera
 CLOSE_S: Final = 2.5  # the share of the 3 s shutdown budget that closing may take
 
+_SOURCE_PLACE: Final = re.compile(r"\s+at /\S+\.rs:\d+\.?")  # where in its own source the library was
 _URGENT_TOPICS: Final = ("tracks", "targets")
 
 
@@ -289,7 +291,7 @@ class Link:
     def _note_failure(self, error: Exception) -> None:
         with self._lock:
             self._open_failures += 1
-        said = str(error).partition("  at /")[0]  # the library adds where in its own source it was
+        said = _SOURCE_PLACE.sub("", str(error))
         if self._error != said:
             log.warning("%s: no session (%s); trying again every %.1f s", self._name, said, REOPEN_S)
         self._error = said

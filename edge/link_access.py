@@ -7,7 +7,7 @@ Zenoh knows no revocation lists. The list is read when the session opens.
 """
 
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
@@ -20,16 +20,19 @@ _ASK: Final = ["declare_subscriber", "query", "declare_liveliness_subscriber", "
 
 
 class Subject(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One certificate: its common name, what it is for, and which cameras it speaks for."""
+    """One certificate: its common name, what it is for, of which site, and which cameras it speaks for."""
 
     common_name: str
     role: Literal["camera", "station", "reader", "router"]
+    site: Annotated[str, msgspec.Meta(pattern=r"^(\*|[A-Za-z0-9_-]{1,64})$")] | None = (
+        None  # None: the list's own; "*": all, for a headquarters that listens
+    )
     cameras: tuple[Name, ...] = ()
     not_after: str  # ISO 8601, UTC; for people: the certificate itself decides
 
 
 class Access(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The site's list, access.json: written by `deploy/certs`, read by whoever listens."""
+    """The list of a site, or of all that share an authority: access.json, by `deploy/certs`, for whoever listens."""
 
     site: Name
     subjects: tuple[Subject, ...]
@@ -49,7 +52,7 @@ def load_access(path: Path) -> Access:
 
 def access_control(access: Access) -> dict[str, Any]:
     """Zenoh's `access_control` section for this list: default deny, one policy a subject."""
-    rules = [rule for subject in access.subjects for rule in _rules(access.site, subject)]
+    rules = [rule for subject in access.subjects for rule in _rules(subject.site or access.site, subject)]
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -58,7 +61,7 @@ def access_control(access: Access) -> dict[str, Any]:
             {"id": subject.common_name, "cert_common_names": [subject.common_name]} for subject in access.subjects
         ],
         "policies": [
-            {"subjects": [s.common_name], "rules": [rule["id"] for rule in _rules(access.site, s)]}
+            {"subjects": [s.common_name], "rules": [rule["id"] for rule in _rules(s.site or access.site, s)]}
             for s in access.subjects
         ],
     }
@@ -74,9 +77,9 @@ def _rules(site: str, subject: Subject) -> list[dict[str, Any]]:
         _rule(f"{name}-hears", "egress", _SPEAK, hears),
     ]
     if own:
-        # It speaks, on its own keys; what we ask of anybody may be known to it.
+        # It speaks, on its own keys. What others ask for may be known to it: without, it would not speak at all.
         rules.append(_rule(f"{name}-speaks", "ingress", _SPEAK, own))
-        rules.append(_rule(f"{name}-is-asked", "egress", _ASK, [site_key(site, "**")]))
+        rules.append(_rule(f"{name}-is-asked", "egress", _ASK, [site_key("*", "**")]))
     return rules
 
 

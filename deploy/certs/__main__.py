@@ -38,6 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     issue.add_argument("--role", choices=["camera", "station", "reader", "router"], default="camera")
     issue.add_argument("--camera", action="append", default=[], help="a camera it speaks for; may be repeated")
     issue.add_argument("--address", action="append", default=[], help="host name or IP others dial it by; repeatable")
+    issue.add_argument("--site", help="its site, where one authority serves several; '*': may listen to all of them")
     issue.set_defaults(act=_issue)
 
     renew = acts.add_parser("renew", help="a new key and certificate for a name that has one")
@@ -77,6 +78,7 @@ def _issue(options: argparse.Namespace) -> None:
         addresses=tuple(options.address),
         days=options.days,
         now=_now(),
+        site=options.site,
     )
     print(f"{made.folder}: copy it to /etc/skyfix/certs on that machine; good until {made.not_after:%Y-%m-%d}")
     print(f"{options.folder / 'access.json'}: copy it to /etc/skyfix/certs where boxes dial in; it is read at start")

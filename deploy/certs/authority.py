@@ -91,13 +91,15 @@ class Authority:
         addresses: tuple[str, ...],
         days: int,
         now: dt.datetime,
+        site: str | None = None,
     ) -> Issued:
         """Key and certificate for one machine, under issued/<name>, and its line in the list.
 
         cameras: whom it speaks for (role camera; its own name if none is given). addresses: the host names and IP
-        addresses under which others dial it: a listener without them is refused by every box.
+        addresses under which others dial it: a listener without them is refused by every box. site: where it belongs,
+        if one authority serves several sites; "*" for a headquarters that listens to all of them.
         """
-        for text in (name, *cameras):
+        for text in (name, *cameras, "any" if site is None or site == "*" else site):
             _checked(text)
         not_after = now + dt.timedelta(days=days)
         common_name = f"{self.access.site}.{name}"
@@ -105,7 +107,11 @@ class Authority:
         self._write(name, common_name, addresses, not_after)
         self._list(
             Subject(
-                common_name=common_name, role=role, cameras=speaks_for, not_after=not_after.isoformat("T", "minutes")
+                common_name=common_name,
+                role=role,
+                site=site,
+                cameras=speaks_for,
+                not_after=not_after.isoformat("T", "minutes"),
             )
         )
         return Issued(self.folder / "issued" / name, not_after)
@@ -116,7 +122,9 @@ class Authority:
         old = x509.load_pem_x509_certificate((self.folder / "issued" / name / "certificate.pem").read_bytes())
         names = old.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         addresses = tuple(str(entry.value) for entry in names if str(entry.value) != subject.common_name)
-        return self.issue(name, subject.role, cameras=subject.cameras, addresses=addresses, days=days, now=now)
+        return self.issue(
+            name, subject.role, cameras=subject.cameras, addresses=addresses, days=days, now=now, site=subject.site
+        )
 
     def revoke(self, name: str) -> None:
         """Take a name off the list. It takes effect where access.json is copied to and the listener restarts."""

@@ -38,8 +38,8 @@ HONEST: Final = encode(
 
 
 def payload(chance: random.Random) -> bytes:
-    """Noise, or an honest message that a key-less intruder cut and filled with noise."""
-    noise = chance.randbytes(chance.randrange(1, 200))
+    """Noise, or an honest message with a hole full of noise: eight bytes or more, for a lucky digit would be honest."""
+    noise = chance.randbytes(chance.randrange(8, 200))
     if chance.random() < 0.5:
         return noise
     start = chance.randrange(len(HONEST) - 1)
