@@ -11,6 +11,7 @@ import logging
 import socket
 import time
 from collections import OrderedDict
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +26,7 @@ from calib.station.page import wire, words
 from calib.station.page.guard import Guard
 from calib.station.page.live import Live
 from calib.station.page.past import Past, listing, named
+from calib.station.status import CameraStatus, StationStatus
 from edge.errors import SkyfixError
 
 log = logging.getLogger(__name__)
@@ -35,6 +37,7 @@ SCENE_FRAMES: Final = 10  # frames between two scenes
 WORDS_S: Final = 0.5  # between two looks at the words
 SLOW_S: Final = 2.0  # a browser that takes no frame for so long is let go
 PASTS: Final = 2  # recordings kept open
+PRIMARY: Final = "#0757b8"  # white on it has a contrast of 7 to 1
 SECTIONS: Final = {"/": "Map", "/setup": "Setup", "/cameras": "Cameras", "/recordings": "Recordings"}
 
 
@@ -186,6 +189,7 @@ def _pages(page: Page) -> None:
 
 def _frame(page: Page, here: str) -> None:
     """What is on every page: where we are, and how the station is."""
+    ui.colors(primary=PRIMARY)
     ui.add_head_html('<link rel="stylesheet" href="/static/station.css">')
     ui.add_body_html('<script type="module" src="/static/station.js"></script>')
     with ui.element("header").classes("top"):
@@ -204,7 +208,7 @@ def _banner(page: Page) -> str:
     return words.banner(status) if status is not None else "waiting for the station"
 
 
-def _words(text: Any) -> Any:
+def _words(text: Callable[[], str]) -> ui.html:
     """HTML that is looked at twice a second and sent when it has changed."""
     element = ui.html(text(), sanitize=False)
 
@@ -215,6 +219,10 @@ def _words(text: Any) -> Any:
 
     ui.timer(WORDS_S, renew)
     return element
+
+
+def _button(text: str, act: Callable[[], None]) -> ui.button:
+    return ui.button(text, on_click=act).props("no-caps unelevated")
 
 
 def _map(*, tiles: bool) -> None:
@@ -235,15 +243,15 @@ def _map(*, tiles: bool) -> None:
 def _setup(page: Page) -> None:
     with ui.element("main"):
         _words(lambda: _if_known(page, words.step_list))
-        ui.button("Calibrate now", on_click=lambda: page.wish(wire.Wish(do="calibrate")))
+        _button("Calibrate now", lambda: page.wish(wire.Wish(do="calibrate")))
         ui.html("<h2>Pairs of cameras</h2>", sanitize=False)
         _words(lambda: _if_known(page, lambda status: words.pair_matrix(status, page.live.focal_px())))
         ui.html("<h2>Checks</h2>", sanitize=False)
         _words(lambda: _if_known(page, words.check_table))
 
 
-def _if_known(page: Page, render: Any) -> str:
-    return "" if page.live.status is None else str(render(page.live.status))
+def _if_known(page: Page, render: Callable[[StationStatus], str]) -> str:
+    return "" if page.live.status is None else render(page.live.status)
 
 
 def _cameras(page: Page) -> None:
@@ -271,7 +279,7 @@ def _names(page: Page) -> list[str]:
 
 
 def _card(page: Page, name: str) -> None:
-    def find() -> Any:
+    def find() -> CameraStatus:
         assert page.live.status is not None
         return next(camera for camera in page.live.status.cameras if camera.id == name)
 
@@ -285,7 +293,7 @@ def _card(page: Page, name: str) -> None:
             sanitize=False,
         )
         _words(lambda: words.camera_card(find(), page.live.health.get(name)))
-        button = ui.button("Mute", on_click=toggle)
+        button = _button(f"Mute {name}", toggle)
 
         def label() -> None:
             text = f"Unmute {name}" if find().muted else f"Mute {name}"
@@ -300,8 +308,8 @@ def _recordings(page: Page, name: str) -> None:
     with ui.element("main"):
         _words(lambda: _if_known(page, words.recording))
         with ui.row():
-            ui.button("Start recording", on_click=lambda: page.wish(wire.Wish(do="record")))
-            ui.button("Stop recording", on_click=lambda: page.wish(wire.Wish(do="stop")))
+            _button("Start recording", lambda: page.wish(wire.Wish(do="record")))
+            _button("Stop recording", lambda: page.wish(wire.Wish(do="stop")))
         folder = page.recordings()
         _words(lambda: words.recordings([] if folder is None else listing(folder), name))
         if name:

@@ -54,7 +54,7 @@ def _aim(status: StationStatus) -> Step:
     if silent:
         return Step("aim", "fail", f"no pictures from {_names(silent)}", "see Cameras: each says what is wrong with it")
     linked = {name for pair in status.pairs if pair.shared_s >= SHARED_S for name in (pair.one, pair.other)}
-    alone = [camera for camera in status.cameras if camera.id not in linked]
+    alone = [camera for camera in status.cameras if camera.id not in linked and not camera.calibrated]
     if alone:
         reason = f"{_names(alone)}: not yet {SHARED_S} s of an object that another camera sees too"
         return Step("aim", "warn", reason, "fly, or turn the camera, until it and another see the same object")

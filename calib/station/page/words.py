@@ -14,8 +14,8 @@ from edge.messages import Health
 
 WORDS: Final = {"ok": "good", "warn": "look", "fail": "wrong"}
 CHECKS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
-PAIR_MRAD: Final = (1.0, 3.0)  # a residual between two rays: within the noise; beyond it one of the two is wrong
-SHARED_S: Final = (15, 3)  # s
+PAIR_MRAD: Final = (2.0, 5.0)  # between two rays; a pixel is about 1 mrad, and beyond 5 one of the two is wrong
+SHARED_S: Final = (15, 3)  # s: enough to solve; next to nothing
 
 
 def light(level: str, words: dict[str, str] = WORDS) -> str:
@@ -68,12 +68,9 @@ def pair_matrix(status: StationStatus, focal_px: dict[str, float]) -> str:
 
 def pair_level(pair: PairStatus) -> str:
     """How a pair is doing."""
-    if pair.residual_mrad is not None and pair.residual_mrad > PAIR_MRAD[1]:
-        return "fail"
-    if pair.shared_s < SHARED_S[1]:
-        return "fail"
-    poor = pair.residual_mrad is not None and pair.residual_mrad > PAIR_MRAD[0]
-    return "warn" if poor or pair.shared_s < SHARED_S[0] else "ok"
+    if pair.residual_mrad is not None:  # both are calibrated: now it counts how well they agree
+        return "ok" if pair.residual_mrad <= PAIR_MRAD[0] else "warn" if pair.residual_mrad <= PAIR_MRAD[1] else "fail"
+    return "ok" if pair.shared_s >= SHARED_S[0] else "warn" if pair.shared_s >= SHARED_S[1] else "fail"
 
 
 def _pair(pair: PairStatus | None, focal_px: dict[str, float]) -> str:
