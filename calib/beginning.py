@@ -4,7 +4,7 @@ The hazard of an earlier network is that it may describe a site that has moved s
 adjustment, its residuals and the cameras' own survey decide what becomes of it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -24,15 +24,14 @@ UNCHANGED: Final = Similarity(1.0, np.eye(3), np.zeros(3))
 
 @dataclass(frozen=True)
 class Beginning:
-    """cameras in their frame; objects: which track shows which; disbelieved: whose position is not used; findings.
+    """cameras in their frame; objects: which track shows which; disbelieved: whose position is not used, and why.
 
     gauge: for a local frame, the two cameras that hold it (the first's pose, the direction and length to the second).
     """
 
     cameras: tuple[Camera, ...]
     objects: dict[Key, int]
-    disbelieved: tuple[str, ...] = ()
-    findings: tuple[str, ...] = ()
+    disbelieved: dict[str, str] = field(default_factory=dict)
     gauge: tuple[str, str] | None = None
 
 
@@ -50,7 +49,7 @@ def from_scaffold(material: Material, *, local: bool, clock_search_s: float = NE
         to_enu(scaffold.poses[name], material.sites[name], frame.similarity, offsets[name])
         for name in sorted(scaffold.poses)
     )
-    return Beginning(cameras, objects, frame.disbelieved, frame.findings, scaffold.pair if local else None)
+    return Beginning(cameras, objects, frame.disbelieved, scaffold.pair if local else None)
 
 
 def from_network(material: Material, start: Network) -> Beginning:

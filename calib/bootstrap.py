@@ -38,11 +38,10 @@ HIGHEST_RATE_HZ: Final = 30.0  # rows beyond it are copies of their neighbours' 
 
 @dataclass(frozen=True)
 class Georeference:
-    """The scaffold's similarity to ENU, cameras whose surveyed position was not believed, and why (sentences)."""
+    """The scaffold's similarity to ENU; cameras whose surveyed position was not believed, and why."""
 
     similarity: Similarity
-    disbelieved: tuple[str, ...] = ()
-    findings: tuple[str, ...] = field(default=())
+    disbelieved: dict[str, str] = field(default_factory=dict)
 
 
 def georeference(poses: dict[str, Pose], cameras: dict[str, SiteCamera]) -> Georeference:
@@ -101,14 +100,14 @@ def _without_wrong(names: list[str], source: Array, target: Array, misfit: float
             f"the positions of {names[i]} and {names[j]} look swapped: the survey misses the cameras by "
             f"{misfit:.1f} m as it is and by {swapped:.1f} m with the two exchanged; neither was used"
         )
-        return Georeference(fit_similarity(source, target[order]).similarity, (names[i], names[j]), (finding,))
+        return Georeference(fit_similarity(source, target[order]).similarity, {names[i]: finding, names[j]: finding})
     if without <= CURE * misfit and len(names) >= 4:
         keep = np.arange(len(names)) != index
         finding = (
             f"the position of {names[index]} looks wrong by {off:.1f} m: without it the survey misses the cameras by "
             f"{without:.1f} m instead of {misfit:.1f} m; it was not used"
         )
-        return Georeference(fit_similarity(source[keep], target[keep]).similarity, (names[index],), (finding,))
+        return Georeference(fit_similarity(source[keep], target[keep]).similarity, {names[index]: finding})
     return None
 
 

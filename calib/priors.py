@@ -108,7 +108,7 @@ def lens_sigma(camera: Camera) -> Array:
 
 
 def camera_priors(
-    cameras: tuple[Camera, ...], sites: dict[str, SiteCamera], disbelieved: tuple[str, ...]
+    cameras: tuple[Camera, ...], sites: dict[str, SiteCamera], disbelieved: frozenset[str]
 ) -> tuple[CameraPrior, ...]:
     """What is known of each camera beforehand. cameras: as aligned and georeferenced; disbelieved: no position used."""
     reference = time_reference(cameras, sites)

@@ -64,23 +64,16 @@ def refine(material: Material, beginning: Beginning, knots_s: float, weights: We
             left_out[outcast[0]] = outcast[1]
             beginning, weights = _without(beginning, adjusted.estimate.cameras, outcast[0]), None
         elif beginning.gauge is None and (wrong := _wrong_position(adjusted, problem)):
-            beginning, weights = _disbelieving(beginning, adjusted.estimate.cameras, *wrong), adjusted.weights
+            disbelieved = {**beginning.disbelieved, wrong[0]: wrong[1]}
+            beginning = replace(beginning, cameras=adjusted.estimate.cameras, disbelieved=disbelieved)
+            weights = adjusted.weights
         else:
             return Refined(adjusted, problem, beginning, left_out)
 
 
-def _disbelieving(beginning: Beginning, cameras: tuple[Camera, ...], name: str, why: str) -> Beginning:
-    return replace(
-        beginning,
-        cameras=cameras,
-        disbelieved=(*beginning.disbelieved, name),
-        findings=(*beginning.findings, why),
-    )
-
-
 def _problem(material: Material, beginning: Beginning, knots_s: float) -> tuple[Problem, Estimate]:
     cameras = beginning.cameras
-    priors = camera_priors(cameras, material.sites, beginning.disbelieved)
+    priors = camera_priors(cameras, material.sites, frozenset(beginning.disbelieved))
     if beginning.gauge:
         priors = _local_gauge(priors, beginning.gauge)
     cameras = tuple(map(held, cameras, priors))

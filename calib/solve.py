@@ -69,15 +69,26 @@ def solve(scene: Scene, options: SolveOptions = DEFAULTS, start: Network | None 
 
 
 def _with_late_comers(material: Material, refined: Refined, options: SolveOptions) -> Refined:
-    """Cameras that were left out, tried against the refined flight; once, unless they brought others in reach."""
+    """Cameras that were left out or taken out, each tried once against the refined flight.
+
+    One that comes back has a pose of its own, so what was said against its position for the old one is forgotten.
+    """
+    tried: set[str] = set()
     while True:
         objects = dict(refined.beginning.objects)
-        candidates = {name: own for name, own in material.tracks.items() if name not in refined.left_out}
-        back = rejoin(refined.adjusted.estimate, candidates, material.sites, objects)
+        untried = {name: own for name, own in material.tracks.items() if name not in tried}
+        back = rejoin(refined.adjusted.estimate, untried, material.sites, objects)
         if not back:
             return refined
-        cameras = tuple(sorted((*refined.adjusted.estimate.cameras, *back), key=lambda camera: camera.id))
-        again = refine(material, replace(refined.beginning, cameras=cameras, objects=objects), options.knots_s)
+        names = {camera.id for camera in back}
+        tried |= names
+        beginning = replace(
+            refined.beginning,
+            cameras=tuple(sorted((*refined.adjusted.estimate.cameras, *back), key=lambda camera: camera.id)),
+            objects=objects,
+            disbelieved={name: why for name, why in refined.beginning.disbelieved.items() if name not in names},
+        )
+        again = refine(material, beginning, options.knots_s)
         refined = replace(again, left_out={**refined.left_out, **again.left_out})
 
 
@@ -97,7 +108,7 @@ def _report(material: Material, refined: Refined, *, evidence: bool) -> Report:
     return Report(
         cameras=cameras,
         left_out=_left_out(material, refined, {camera.id for camera in cameras}),
-        findings=(*refined.beginning.findings, *findings(cameras, material.sites)),
+        findings=(*dict.fromkeys(refined.beginning.disbelieved.values()), *findings(cameras, material.sites)),
         rms_px=rms_px(adjusted, problem),
         survey_rms_m=float(np.sqrt((misfits**2).sum(1).mean())) if len(misfits) else None,
         rounds=adjusted.rounds,
