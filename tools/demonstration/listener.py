@@ -41,8 +41,6 @@ class Listener:
         """folder: where the generated dialect is put."""
         # One map for both: the standard messages, and the private ones as the XML defines them.
         common.mavlink_map.update(_dialect(folder / "dialect.py").mavlink_map)
-        self._decoder: Any = common.MAVLink(None)
-        self._decoder.robust_parsing = True
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(POLL_S)
@@ -87,7 +85,10 @@ class Listener:
             except TimeoutError:
                 continue
             received_ns = time.time_ns()
-            for message in self._decoder.parse_buffer(datagram) or []:
+            # A decoder a datagram: a damaged one must not swallow the next.
+            decoder: Any = common.MAVLink(None)
+            decoder.robust_parsing = True
+            for message in decoder.parse_buffer(datagram) or []:
                 self._take(message, received_ns)
 
     def _take(self, message: Any, received_ns: int) -> None:
