@@ -25,7 +25,7 @@ check: setup
 
 lock:
 	$(BIN)/python -m piptools compile --quiet --strip-extras --no-emit-index-url --no-emit-trusted-host --no-emit-find-links \
-		--extra base --extra certs --extra test --output-file requirements.lock pyproject.toml
+		--extra base --extra page --extra certs --extra test --output-file requirements.lock pyproject.toml
 
 bundle: setup
 	$(BIN)/python -m tools.bundle
