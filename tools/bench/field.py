@@ -51,7 +51,9 @@ def settle(site: Site) -> None:
     """Start everything and let it run in calm."""
     for host in ("base", *CAMERAS):
         site.start(host)
-    wait(lambda: {row.camera for row in site.recorded()} == set(CAMERAS), 30)
+    took_s = wait(lambda: {row.camera for row in site.recorded()} == set(CAMERAS), 60)
+    if took_s == float("inf"):
+        raise SystemExit(f"the base does not hear its boxes: look at {site.folder}/base-1.err")
     time.sleep(CALM_S + 1.0)
 
 
@@ -130,7 +132,7 @@ def kills(site: Site, options: argparse.Namespace) -> None:
     recoveries = []
     for _ in range(options.times):
         host = chance.choice(("base", *CAMERAS))
-        time.sleep(chance.uniform(0.0, 2.0))
+        time.sleep(chance.uniform(0.0, 1.0))
         site.kill(host)
         killed_ns = time.time_ns()
         site.start(host)
@@ -151,6 +153,10 @@ def kills(site: Site, options: argparse.Namespace) -> None:
     all_lost = made - keys(rows)
     print(f"{options.times} kills: {len(all_lost)} of {len(made)} lost, {len(lost())} not in the last 0.5 s of a run")
     print(f"recovered after {np.median(recoveries):.1f} s in the middle, {max(recoveries):.1f} s at worst (asked: 5)")
+    misses = site.misses_m()
+    if len(misses):
+        worst = f"p95 {np.percentile(misses, 95):.2f} m, at worst {np.max(misses):.2f} m from the truth"
+        print(f"positions sent: {len(misses)}, {worst}")
     for camera in CAMERAS:
         site.kill(camera)
         store = SpoolStore(site.folder / f"{camera}.sqlite", max_bytes=10**9)  # checks the file

@@ -22,7 +22,7 @@ from edge.link import Link
 from edge.link_profile import LinkSettings, zenoh_config
 from edge.messages import MESSAGES, Backlog, Inventory, Tracks, camera_key, decode, encode
 
-ENDPOINT: Final = "tcp/127.0.0.1:17447"
+ENDPOINT: Final = "tcp/127.0.0.1:27447"
 KEY: Final = camera_key("field", "cam0", "tracks")
 HONEST: Final = encode(
     Tracks(

@@ -24,6 +24,8 @@ from edge.link_profile import LinkSettings
 from edge.messages import Detection, Lens, Tracks, camera_key, encode
 from edge.spool import Spool, SpoolSettings
 
+PAUSE_NS = 10**9  # between the flight's end and its next beginning
+
 
 class Player:
     """What a camera sees at any instant of its flight, which begins anew when it has ended."""
@@ -78,14 +80,29 @@ class Player:
         return found
 
 
+def index_at(times: list[int], t_unix_ns: int, lap_ns: int) -> int:
+    """The first frame not before an instant of the flight, counted on over all its laps."""
+    lap, into_ns = divmod(t_unix_ns - times[0], lap_ns)
+    return lap * len(times) + bisect.bisect_left(times, times[0] + into_ns)
+
+
+def lap_of(folder: Path) -> tuple[int, int]:
+    """When the flight begins and how long it is until it begins again, in ns; the same for all its cameras."""
+    ends = []
+    for file in sorted((folder / "tracks").glob("*.csv")):
+        lines = file.read_text().splitlines()
+        ends += [int(lines[1].split(",")[0]), int(lines[-1].split(",")[0])]
+    return min(ends), max(ends) - min(ends) + PAUSE_NS
+
+
 def play(arguments: list[str], stop: threading.Event) -> None:
     """Be a box until told to stop."""
     endpoint, site, camera, folder, spool_file, start = arguments[:6]
     mode = arguments[6] if len(arguments) > 6 else "peer"
     player = Player(Path(folder), camera)
     epoch = time.time_ns() // 10**6
-    shift_ns = round(float(start) * 1e9) - player.times[0]
-    lap_ns = player.times[-1] - player.times[0] + 10**9
+    began_ns, lap_ns = lap_of(Path(folder))
+    shift_ns = round(float(start) * 1e9) - began_ns
     settings = LinkSettings(connect=(endpoint,), mode=mode)  # type: ignore[arg-type]
     with Link(settings, name=camera) as link:
         requests = link.serve(camera_key(site, camera, "backlog"))
@@ -93,7 +110,7 @@ def play(arguments: list[str], stop: threading.Event) -> None:
             link.set_state(camera_key(site, camera, "lens"), player.lens_message())
             link.declare_presence(camera_key(site, camera))
             seq = 0
-            next_one = bisect.bisect_left(player.times, time.time_ns() - shift_ns)
+            next_one = index_at(player.times, time.time_ns() - shift_ns, lap_ns)
             while not stop.is_set():
                 lap, index = divmod(next_one, len(player.times))
                 t_unix_ns = player.times[index] + shift_ns + lap * lap_ns

@@ -12,13 +12,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from calib.geodesy import ecef_to_enu
 from calib.station import recording
 from edge.messages import camera_of_key
 from tools.fieldwork.air import Air
+from tools.fieldwork.box import lap_of
 
 HERE: Final = Path(__file__).parent
 ROOT: Final = HERE.parents[1]
 PORT: Final = 7447
+LAP_SETTLES_S: Final = 5.0  # of each lap
 QUIET: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
@@ -129,11 +132,43 @@ class Site:
                     rows.append(Row(camera, *about, item.t_arrival_ns, topic == "backlog"))
         return rows
 
+    def misses_m(self) -> "np.ndarray[Any, np.dtype[np.float64]]":
+        """How far each confirmed target of the recordings was from the nearest true object, in metres.
+
+        The first seconds of each lap are left out: there the objects jump back to where they began, and no tracker can
+        know that.
+        """
+        origin = tomllib.loads((self.tracks / "site.toml").read_text())["site"]["origin"]
+        truths = [np.loadtxt(f, delimiter=",", skiprows=1) for f in sorted((self.tracks / "truth").glob("*.csv"))]
+        began_s, lap_s = (ns * 1e-9 for ns in lap_of(self.tracks))
+        found = []
+        for file in sorted((self.folder / "recordings").glob("*.mcap")):
+            for item in recording.read(file):
+                if item.key.endswith("/station/targets"):
+                    message = json.loads(item.payload)
+                    into_lap_s = (message["t_unix_ns"] * 1e-9 - self.start_unix_s) % lap_s
+                    if into_lap_s > LAP_SETTLES_S:
+                        found += [_miss_m(t, truths, began_s + into_lap_s, origin) for t in _confirmed(message)]
+        return np.array(found)
+
     def status(self) -> dict[str, Any]:
         """The base's /status.json."""
         command = [*self.air.inside("base"), sys.executable, "-c", _FETCH]
         told = subprocess.run(command, capture_output=True, text=True, check=False)
         return dict(json.loads(told.stdout)) if told.returncode == 0 else {}
+
+
+def _confirmed(message: dict[str, Any]) -> list[dict[str, Any]]:
+    return [target for target in message["targets"] if target["state"] == "confirmed"]
+
+
+def _miss_m(target: dict[str, Any], truths: list[Any], t_s: float, origin: list[float]) -> float:
+    position = ecef_to_enu(np.array([target["ecef_m"]]), (origin[0], origin[1], origin[2]))[0]
+    apart = []
+    for truth in truths:
+        there = [np.interp(t_s, truth[:, 0], truth[:, axis]) for axis in (1, 2, 3)]
+        apart.append(float(np.linalg.norm(position - there)))
+    return min(apart)
 
 
 _FETCH = """
