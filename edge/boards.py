@@ -16,6 +16,8 @@ from edge.capture.frame import Image
 from edge.errors import ConfigError
 from edge.lens import Array
 
+# A second a picture. Cheaper searches were measured to find boards with a corner misplaced, which a lens fit follows.
+BOARD_SEARCH: Final = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
 FEWEST_CORNERS: Final = 12  # of a ChArUco board: six for its pose, six to say something about the lens
 CHARUCO_MARKER_SHARE: Final = 0.75  # side of a marker per side of a square, as the board's drawing has it
 CHARUCO_DICTIONARY: Final = cv2.aruco.DICT_5X5_1000
@@ -47,8 +49,7 @@ class Chessboard:
 
     def find(self, name: str, image: Image) -> View | None:
         """The corners to about 0.05 px; None if the whole board is not found."""
-        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-        found, corners = cv2.findChessboardCornersSB(image, (self.columns, self.rows), flags=flags)
+        found, corners = cv2.findChessboardCornersSB(image, (self.columns, self.rows), flags=BOARD_SEARCH)
         if not found:
             return None
         across, down = np.meshgrid(np.arange(self.columns), np.arange(self.rows))

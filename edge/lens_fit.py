@@ -25,6 +25,7 @@ OUTLIER_RATIO: Final = 2.5  # times the median rms of a view: a blurred or bent 
 OUTLIER_FLOOR_PX: Final = 0.3  # px: no view as good as this is called an outlier
 MOST_REJECTED: Final = 1 / 3  # of the views: if more are bad, it is the model that is wrong
 FOLDS: Final = 5
+MOST_COEFFICIENTS: Final = 8
 WORTH_IT: Final = 0.98  # a larger model must lower the held-out rms below this share
 COVERAGE_CELLS: Final = (8, 6)  # columns, rows of the coverage map
 
@@ -61,24 +62,32 @@ def fit_lens(views: Sequence[View], size_px: tuple[int, int], model: Model) -> L
     used = list(views)
     rejected: dict[str, str] = {}
     _need(used)
+    # With the most flexible model first: a picture is only bad if even that cannot explain it, and one bad picture
+    # left in would make every choice of a model for the rest of them.
+    _reject(used, rejected, size_px, model, MOST_COEFFICIENTS)
     coefficients = _choose(used, size_px, model)
-    fit = _calibrate(used, size_px, model, coefficients)
-    while len(rejected) < MOST_REJECTED * len(views) and len(used) > FEWEST_VIEWS:
-        worst = int(np.argmax(fit.view_rms))
-        limit = max(OUTLIER_FLOOR_PX, OUTLIER_RATIO * float(np.median(fit.view_rms)))
-        if fit.view_rms[worst] <= limit:
-            break
-        rejected[used[worst].name] = (
-            f"rms {fit.view_rms[worst]:.2f} px, the others' median {np.median(fit.view_rms):.2f} px"
-        )
-        del used[worst]
-        fit = _calibrate(used, size_px, model, coefficients)
+    fit = _reject(used, rejected, size_px, model, coefficients)
     held_out, focal_sigma = _cross_validate(used, size_px, model, coefficients)
     lens = LensModel(
         model, fit.lens.intrinsics, fit.lens.distortion, size_px, rms_px=fit.rms, focal_sigma_px=focal_sigma
     )
     by_name = {view.name: float(rms) for view, rms in zip(used, fit.view_rms, strict=True)}
     return LensFit(lens, fit.rms, held_out, by_name, rejected, coverage(used, size_px))
+
+
+def _reject(
+    used: list[View], rejected: dict[str, str], size_px: tuple[int, int], model: Model, coefficients: int
+) -> "_Fit":
+    """Fit, moving the worst views from used to rejected one at a time until none is far worse than the others."""
+    most = MOST_REJECTED * (len(used) + len(rejected))
+    while True:
+        fit = _calibrate(used, size_px, model, coefficients)
+        worst, median = int(np.argmax(fit.view_rms)), float(np.median(fit.view_rms))
+        good = fit.view_rms[worst] <= max(OUTLIER_FLOOR_PX, OUTLIER_RATIO * median)
+        if good or len(rejected) >= most or len(used) <= FEWEST_VIEWS:
+            return fit
+        rejected[used[worst].name] = f"rms {fit.view_rms[worst]:.2f} px, the others' median {median:.2f} px"
+        del used[worst]
 
 
 def _need(views: Sequence[View]) -> None:
