@@ -19,10 +19,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
 from edge.errors import SkyfixError
-from tools.demonstration import site
+from tools.demonstration import picture, site
 from tools.demonstration.listener import Listener
 from tools.demonstration.processes import Program, Programs
 from tools.demonstration.receivers import Receivers
@@ -34,6 +35,7 @@ from tools.scenes.simulation import Watched, watch
 
 SCENE: Final = Path(__file__).resolve().parent.parent / "deploy" / "scenes" / "demo.toml"
 OUTPUT: Final = Path("out") / "demo"
+MARKER: Final = ".skyfix-demo"  # in a folder that may be emptied
 SETTLE_S: Final = 12.0  # from starting the programs to the first frame: models load, sessions open, RTK averages
 LINGER_S: Final = 15.0  # after the last frame, until a box that does not end is given up
 REFRESH_S: Final = 0.5
@@ -57,13 +59,11 @@ class Site:
         return (time.time_ns() - self.start_unix_ns) * 1e-9
 
 
-def demonstrate(scene: Simulation, folder: Path) -> tuple[Score, dict[str, int]]:
+def demonstrate(scene: Simulation, folder: Path, *, reuse_video: bool) -> tuple[Score, dict[str, int]]:
     """Run everything: the score, and how many of each MAVLink message came. Raises SkyfixError naming what failed."""
-    if folder.exists():
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True)
+    _empty(folder, but="video")
     watched = watch(scene)
-    videos = _render(scene, folder / "video")
+    videos = _videos(scene, folder / "video", reuse=reuse_video)
     with ExitStack() as stack:
         listener = stack.enter_context(Listener(folder))
         antennas = [site.antenna_enu(camera) for camera in scene.camera]
@@ -78,14 +78,37 @@ def demonstrate(scene: Simulation, folder: Path) -> tuple[Score, dict[str, int]]
         base.stop()
         programs.check()
         _report(folder, programs)
+        if listener.positions:
+            picture.draw(watched, folder, listener.positions, start_unix_ns)
         result = score(listener.positions, watched.flights, start_unix_ns, scene.origin)
         return result, listener.messages
 
 
-def _render(scene: Simulation, folder: Path) -> list[Path]:
+def _empty(folder: Path, but: str) -> None:
+    """A folder for the demo, emptied of an earlier one. Raises SkyfixError for a folder that is somebody else's."""
+    marker = folder / MARKER
+    if folder.exists() and any(folder.iterdir()) and not marker.exists():
+        raise SkyfixError("holds something else", where=str(folder), action="give -o an empty or a new folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    marker.touch()
+    for child in folder.iterdir():
+        if child.is_dir() and child.name != but:
+            shutil.rmtree(child)
+        elif child.is_file() and child != marker:
+            child.unlink()
+
+
+def _videos(scene: Simulation, folder: Path, *, reuse: bool) -> list[Path]:
+    """The scene's videos; those of an earlier demo of the same scene if that is wanted."""
+    said, videos = folder / "scene.json", [folder / f"{camera.id}.mp4" for camera in scene.camera]
+    if reuse and said.exists() and said.read_bytes() == msgspec.json.encode(scene):
+        print(f"using the videos in {folder}", flush=True)
+        return videos
+    shutil.rmtree(folder, ignore_errors=True)
     began = time.monotonic()
-    print(f"rendering {len(scene.camera)} videos of {scene.duration_s:g} s, seed {scene.seed}", flush=True)
-    videos = render(scene, folder)
+    print(f"rendering {len(videos)} videos of {scene.duration_s:g} s, seed {scene.seed}", flush=True)
+    render(scene, folder)
+    said.write_bytes(msgspec.json.encode(scene))
     print(f"rendered in {time.monotonic() - began:.0f} s: {folder}", flush=True)
     return videos
 
@@ -159,7 +182,7 @@ def verdict(result: Score, folder: Path, messages: dict[str, int]) -> str:
     if result.latency_ms is not None:
         text.append("latency from exposure to MAVLink: p50 {:.0f} ms, p99 {:.0f} ms".format(*result.latency_ms))
     text.append("received: " + ", ".join(f"{count} {name}" for name, count in sorted(messages.items())))
-    places = [*sorted((folder / "recording").glob("*.mcap")), folder / "solved" / "report.html"]
+    places = [*sorted((folder / "recording").glob("*.mcap")), folder / "solved" / "report.html", folder / "picture.png"]
     text += [f"{place.suffix[1:]:5s} {place}" for place in places if place.exists()]
     if result.passed:
         text.append(f"PASS: positions within {PASS_M:g} m RMSE of the truth")
@@ -172,6 +195,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tools.demo", description=__doc__)
     parser.add_argument("--scene", type=Path, default=SCENE, help="another scene to fly (TOML)")
     parser.add_argument("-o", "--output", type=Path, default=OUTPUT, metavar="FOLDER", help="emptied first")
+    parser.add_argument("--reuse-video", action="store_true", help="do not render again what is rendered already")
     return parser.parse_args(argv)
 
 
@@ -186,7 +210,7 @@ def main(argv: list[str] | None = None) -> int:
     began = time.monotonic()
     try:
         scene = load(arguments.scene)
-        result, messages = demonstrate(scene, arguments.output)
+        result, messages = demonstrate(scene, arguments.output, reuse_video=arguments.reuse_video)
     except SkyfixError as error:
         print(f"\ndemo: {error}", file=sys.stderr)
         return 1
