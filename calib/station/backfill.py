@@ -49,6 +49,7 @@ class Backfill:
         self._link = link
         self._site = site
         self._memory = memory
+        self.paused = False  # set while nothing is recorded: what is fetched then would be lost for good
         self.late: Inbox[Received] = Inbox(LATE_CAPACITY, link.bell)
         self._lock = threading.Lock()
         self._ledger = _load(memory) if memory is not None else Ledger()
@@ -95,6 +96,8 @@ class Backfill:
     def _run(self) -> None:
         polls = 0
         while not self._stop.wait(PAUSE_S):
+            if self.paused:
+                continue
             self._take_stock()
             polls += 1
             if polls % SAVE_EVERY_POLLS == 0:
@@ -120,10 +123,13 @@ class Backfill:
         for _ in range(round(seconds / PAUSE_S)):
             for camera in sorted(self._reachable):
                 gaps = self._missing[camera]
-                if gaps and len(self.late) < LATE_CAPACITY // 2 and not self._stop.is_set():
+                if gaps and self._has_room():
                     self._fetch(camera, gaps[0])
             if self._stop.wait(PAUSE_S):
                 return
+
+    def _has_room(self) -> bool:
+        return len(self.late) < LATE_CAPACITY // 2 and not self.paused and not self._stop.is_set()
 
     def _fetch(self, camera: str, gap: Gap) -> None:
         wanted = Gap(gap.epoch, gap.first_seq, min(gap.last_seq, gap.first_seq + ROWS_PER_QUESTION - 1))

@@ -109,6 +109,10 @@ class Runner:
         if self.recorder is not None and self.records:
             self.recorder.write(key, payload, now_ns)
 
+    @property
+    def _cannot_record(self) -> bool:
+        return self.recorder is None or bool(self.recorder.fault)
+
     def _record_mavlink(self, url: str, frame: bytes) -> None:
         if self.recorder is not None and self.records:
             payload = b'{"endpoint":"%s","frame":"%s"}' % (url.encode(), frame.hex().encode())
@@ -135,6 +139,7 @@ class Runner:
             self._adopted(now_ns)
         self.broadcast.receive(now_ns, self.station.now_unix_ns(now_ns), self._wish)
         self._attend_page(now_ns)
+        self.backfill.paused = self._cannot_record or not self.records
         return tick.slow
 
     def _attend_page(self, now_ns: int) -> None:
@@ -168,7 +173,7 @@ class Runner:
 
     def _note_received(self, message: Received) -> None:
         camera = self.station.intake.cameras.get(camera_of_key(message.key) or "")
-        if camera is not None and camera.epoch is not None and self.recorder is not None:
+        if camera is not None and camera.epoch is not None and not self._cannot_record:
             self.backfill.have_number(camera.id, camera.epoch, camera.next_seq - 1)
 
     def _hear_states(self) -> None:

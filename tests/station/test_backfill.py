@@ -102,3 +102,14 @@ def test_what_is_gone_is_counted_and_not_asked_again() -> None:
     assert backfill.counters.gone == 6
     assert backfill.counters.missing == 2
     assert backfill._missing["cam0"] == [Gap(1, 8, 9)]
+
+
+def test_nothing_is_fetched_while_nothing_is_recorded(rooms: tuple[Link, Spool], until: Callable[..., bool]) -> None:
+    base, spool = rooms
+    keep(spool, range(20))
+    backfill = Backfill(base, SITE)
+    backfill.paused = True
+    with backfill:
+        assert not until(lambda: backfill.counters.recovered, within_s=3)
+        backfill.paused = False
+        assert until(lambda: backfill.counters.recovered == 20, within_s=15)
