@@ -89,13 +89,13 @@ def _targets(view: View) -> list[Line]:
     if not rows:
         return [Line("MAVLink", f"no target now, {total}", news=False)]
     return [
-        Line(
-            "MAVLink",
-            f"target {p.track}: seen by {p.cameras} cameras, {error:.2f} m from the truth; {total}",
-            news=False,
-        )
+        Line("MAVLink", f"target {p.track}: seen by {p.cameras} cameras, {_off(error)}; {total}", news=False)
         for p, error in rows[:MOST_TARGETS]
     ]
+
+
+def _off(error_m: float) -> str:
+    return f"{error_m:.2f} m from the truth" if np.isfinite(error_m) else "its flight is over"
 
 
 @dataclass

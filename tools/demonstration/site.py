@@ -13,6 +13,7 @@ from tools.demonstration.receivers import UNDULATION_M
 from tools.scenes.description import Camera, Simulation
 
 ANTENNA_ABOVE_LENS_M: Final = 0.12  # on the tripod's head
+RESOLVE_S: Final = 15.0
 CLOCK_BOUND_S: Final = 0.001  # one computer, one clock: nothing else keeps it apart
 
 
@@ -84,6 +85,8 @@ def base(scene: Simulation, ports: Ports) -> str:
         "site": {"name": scene.name, "undulation_m": UNDULATION_M},
         "camera": [{"id": camera.id} for camera in scene.camera],
         "link": {"listen": [f"tcp/127.0.0.1:{ports.zenoh}"]},
+        # A flight of a minute: the first calibration, from its first seconds, is refined while it lasts.
+        "calibration": {"resolve_s": RESOLVE_S},
         "mavlink": {
             "simulated": True,
             "endpoint": [{"url": f"udp:127.0.0.1:{ports.mavlink}", "profile": ["gcs", "ecef"]}],
