@@ -34,5 +34,6 @@ def mean_square_px(residual: Array, relative: Array) -> float:
     """
     length = np.linalg.norm(residual, axis=1) / relative
     first = float(np.median(length)) / RAYLEIGH_MEDIAN
-    weight = robust_weight(length / max(first, SMALLEST_SIGMA_PX))
+    # Squared: at weight 1/length^2 every outlier would still count as CORE sigmas of a first guess that it has raised.
+    weight = robust_weight(length / max(first, SMALLEST_SIGMA_PX)) ** 2
     return max(float((weight * length**2).sum() / (2 * weight.sum())), SMALLEST_SIGMA_PX**2)

@@ -17,6 +17,9 @@ from calib.observations import Observations
 from edge.lens import Array, LensModel, pixel_to_ray
 
 LONGEST_BRIDGE_S: Final = 0.25  # a track is read between two of its rows no further apart: a UAV turns in longer
+MEDIAN_OF: Final = 9  # rows: four outliers among them do not move the median
+LEAST_JUMP_RAY: Final = 0.01  # ray units: what a fast object or a coarse camera moves between rows is no outlier
+JUMP_SPREADS: Final = 9.0  # times the median deviation of the neighbours: 6 sigma
 SLOW_CAMERA: Final = 2.5  # times its own interval a camera of few frames a second may miss
 SHORTEST_TRACK: Final = 10  # rows: fewer say nothing of a path
 MOST_TRACKS: Final = 40  # the longest are kept: every pair of two cameras' tracks is tried
@@ -62,10 +65,24 @@ def split_tracks(observations: Observations, lens: LensModel, t_mid_unix_ns: int
         if len(row) == 0:
             continue
         row = row[np.concatenate([[True], np.diff(t_s[row]) > 0])]
+        row = row[_on_a_path(rays[row])]
         if len(row) >= SHORTEST_TRACK:
             tracks.append(Track(int(number), t_s[row], rays[row], row))
     tracks.sort(key=lambda track: (-track.duration_s, track.number))
     return tracks[:MOST_TRACKS]
+
+
+def _on_a_path(rays: Array) -> NDArray[np.bool_]:
+    """(N,) which rows of a track lie where their neighbours say it was (Hampel 1974): an outlier is no path."""
+    if len(rays) < MEDIAN_OF:
+        return np.ones(len(rays), bool)
+    padded = np.pad(rays, ((MEDIAN_OF // 2, MEDIAN_OF // 2), (0, 0)), mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_OF, axis=0)
+    middle = np.median(around, axis=2)
+    spread = np.median(np.abs(around - middle[:, :, None]), axis=2)
+    allowed = np.maximum(LEAST_JUMP_RAY, JUMP_SPREADS * spread)
+    near: NDArray[np.bool_] = np.all(np.abs(rays - middle) <= allowed, axis=1)
+    return near
 
 
 def noise_ray(tracks: list[Track]) -> float:
