@@ -100,15 +100,15 @@ make_user() {
 }
 
 lay_programs() {    # /opt/skyfix/$version, whole or not at all
-    local place="$PREFIX/$version" extra='' python
-    if [ "$role" = base ] || [ -e "$place/.complete-base" ]; then extra='[base]'; fi
-    if [ -e "$place/.complete-$role" ] && [ -n "$source" ] && cmp -s "$tree/SHA256SUMS" "$place/SHA256SUMS"; then
+    local place="$PREFIX/$version" extra='' mark='' python
+    if [ "$role" = base ] || [ -e "$place/.complete-base" ]; then extra='[base]' mark=-base; fi
+    if [ -e "$place/.complete$mark" ] && [ -n "$source" ] && cmp -s "$tree/SHA256SUMS" "$place/SHA256SUMS"; then
         say "$version is laid already"
         return
     fi
     python=$(find_python)
     say "laying $version with $("$python" --version)"
-    rm -f "$place"/.complete-*
+    rm -f "$place"/.complete*
     "$python" -m venv --without-pip --clear "$place"
     if [ -n "$source" ]; then
         local pip
@@ -128,8 +128,7 @@ lay_programs() {    # /opt/skyfix/$version, whole or not at all
     rm -rf "$place/deploy" "$place/systemd"
     cp -r "$tree/deploy" "$tree/systemd" "$tree/README.md" "$place/"
     "$place/bin/python" -m compileall -q "$place/lib" >/dev/null || true
-    touch "$place/.complete-$role"
-    if [ -n "$extra" ]; then touch "$place/.complete-base"; fi
+    touch "$place/.complete" "$place/.complete$mark"
     sync -f "$place"
 }
 

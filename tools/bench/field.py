@@ -129,7 +129,7 @@ def kills(site: Site, options: argparse.Namespace) -> None:
     """Kill -9 boxes and base at random."""
     chance = random.Random(SEED)
     print(f"seed {SEED}")
-    recoveries = []
+    recoveries: dict[str, list[float]] = {"box": [], "base": []}
     for _ in range(options.times):
         host = chance.choice(("base", *CAMERAS))
         time.sleep(chance.uniform(0.0, 1.0))
@@ -137,7 +137,8 @@ def kills(site: Site, options: argparse.Namespace) -> None:
         killed_ns = time.time_ns()
         site.start(host)
         whom = set(CAMERAS) if host == "base" else {host}
-        recoveries.append(wait(lambda: whom <= _heard_since(site, killed_ns), 30.0))  # noqa: B023 -- called here
+        took_s = wait(lambda: whom <= _heard_since(site, killed_ns), 30.0)  # noqa: B023 -- called here
+        recoveries["base" if host == "base" else "box"].append(took_s)
     time.sleep(3.0)
     made = site.made()
     # The ends of killed runs: rows that no disk had yet.
@@ -152,7 +153,9 @@ def kills(site: Site, options: argparse.Namespace) -> None:
     rows = site.recorded()
     all_lost = made - keys(rows)
     print(f"{options.times} kills: {len(all_lost)} of {len(made)} lost, {len(lost())} not in the last 0.5 s of a run")
-    print(f"recovered after {np.median(recoveries):.1f} s in the middle, {max(recoveries):.1f} s at worst (asked: 5)")
+    for what, times_s in recoveries.items():
+        told = f"back after {np.median(times_s):.1f} s, {max(times_s):.1f} s at worst (asked: 5)"
+        print(f"{what}: {len(times_s)} times, {told}")
     misses = site.misses_m()
     if len(misses):
         worst = f"p95 {np.percentile(misses, 95):.2f} m, at worst {np.max(misses):.2f} m from the truth"

@@ -151,10 +151,15 @@ def process(
     role: str, site: int, options: argparse.Namespace, ready: Barrier, results: "multiprocessing.Queue[Report]"
 ) -> None:
     """One process of the bench."""
+    imported_s = _cpu_s()
     report = ROLES[role](site, options, ready)
+    rss_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    results.put({"role": role, "site": site, "cpu_s": _cpu_s() - imported_s, "rss_mb": rss_mb, **report})
+
+
+def _cpu_s() -> float:
     usage = resource.getrusage(resource.RUSAGE_SELF)
-    cpu = usage.ru_utime + usage.ru_stime
-    results.put({"role": role, "site": site, "cpu_s": cpu, "rss_mb": usage.ru_maxrss / 1024, **report})
+    return usage.ru_utime + usage.ru_stime
 
 
 def measure(options: argparse.Namespace) -> list[Report]:
