@@ -21,6 +21,7 @@ from edge.health import Check
 from edge.lens import LensModel
 from edge.messages import Lens, Tracks
 from edge.pipeline import CameraFacts, Pipeline, SideBySide
+from edge.view import ViewWatch
 
 log = logging.getLogger(__name__)
 
@@ -125,7 +126,7 @@ class CameraWorker:
 
     def checks(self) -> list[Check]:
         """How the camera and its detector are."""
-        return [self._check_camera(), self._check_pace()]
+        return [self._check_camera(), self._check_pace(), check_view(self.camera.id, self.pipeline.view)]
 
     def _check_camera(self) -> Check:
         name, state = f"camera {self.camera.id}", self.reader.state
@@ -166,6 +167,20 @@ class CameraWorker:
             "source_reopened": float(state.reopened),
         }
         return {**read, **self.pipeline.counters()}
+
+
+def check_view(camera: str, view: ViewWatch) -> Check:
+    """Whether the camera still looks where it looked."""
+    name = f"view {camera}"
+    if view.moves:
+        action = 'fix the tripod; for a camera that is meant to move set detector.mode = "full_frame"'
+        return Check(name, "fail", "the camera moves again and again", action)
+    if view.recent:
+        last = view.recent[-1]
+        size_px = max(abs(last.du_px), abs(last.dv_px))
+        action = "fix the tripod; the base station must calibrate this camera again"
+        return Check(name, "warn", f"the camera was bumped or re-aimed: the picture moved by {size_px:.0f} px", action)
+    return Check(name, "ok", "the camera stands still")
 
 
 def lens_message(lens: LensModel) -> Lens:

@@ -20,6 +20,7 @@ from edge.errors import ConfigError
 from edge.gate import Gate, Row, make_gate
 from edge.lens import LensModel, pixel_to_ray
 from edge.messages import Detection, Tracks
+from edge.view import ViewWatch
 
 SILENCE_NS: Final = 500_000_000  # "sees nothing" is said twice a second; the contract asks for once
 STEPPED_BACK_NS: Final = 1_000_000_000  # further back than this the clock was set, and tracking begins anew
@@ -51,6 +52,7 @@ class Pipeline:
         self._last_said_unix_ns = 0
         self._bound_s: float | None = None
         self._counts = dict.fromkeys(("frames_backwards", "rows_without_ray", "rows_published", "clock_stepped"), 0.0)
+        self.view = ViewWatch()
         self.latest: tuple[Frame, list[Row]] | None = None
 
     def step(self, frame: Frame) -> list[Tracks]:
@@ -67,6 +69,7 @@ class Pipeline:
     def conclude(self, frame: Frame, found: Detections) -> list[Tracks]:
         """Gating and undistortion of what was found in a frame, frames in order."""
         rows = self._gate.step(frame.t_unix_ns, found)
+        self.view.update(frame)
         self.latest = (frame, rows)
         return self._messages(frame, rows)
 
@@ -151,7 +154,12 @@ class Pipeline:
 
     def counters(self) -> dict[str, float]:
         """What this camera did so far, by name; every number only grows."""
-        return {**self._counts, **self._detector.counters(), "messages": float(self._seq)}
+        return {
+            **self._counts,
+            **self._detector.counters(),
+            "messages": float(self._seq),
+            "view_shifts": float(self.view.shifts),
+        }
 
 
 def total_bound_s(frame: Frame, clock_bound_s: float | None) -> float | None:

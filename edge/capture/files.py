@@ -17,6 +17,7 @@ from edge.capture.frame import Frame, Image
 from edge.errors import SourceError
 
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
+STANDING_FRAMES: Final = 3  # frames with one time: an index is missing, and the rest will be the same
 FOLLOW_POLL_S: Final = 0.2  # how often a growing folder is looked at
 _UNIX_NS_IN_NAME: Final = re.compile(r"(?<!\d)(1\d{18})(?!\d)")  # 2001 to 2033, as image loggers name files
 
@@ -79,6 +80,8 @@ class VideoFile:
         at_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC) if self._fps is None else self._count / self._fps * 1e3
         if self._count == 0:
             self._first_ms = at_ms
+        if self._count == STANDING_FRAMES and at_ms <= self._first_ms:
+            raise SourceError("its frames carry no times", where=self._path, action="set source.fps to its frame rate")
         t_unix_ns = self._t0_unix_ns + round((at_ms - self._first_ms) * 1e6)
         self._interval_ns, self._t_unix_ns = t_unix_ns - self._t_unix_ns, t_unix_ns
         self._count += 1

@@ -1,0 +1,74 @@
+"""Whether the camera still looks where it looked: a bump moves the whole picture at once.
+
+A tripod that is knocked makes every later position wrong, and nothing in the tracks of one camera shows it. The whole
+picture shows it: it shifts between one look and the next. Clouds shift too, but by a fraction of a pixel in so short a
+time, so only looks that are close together are compared. An even sky says nothing, and nothing is concluded from it.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from edge.capture.files import grey
+from edge.capture.frame import Frame
+
+LOOK_NS: Final = 500_000_000  # ns between looks: a knock is over in less, and clouds move little
+WIDTH_PX: Final = 480  # of the reduced picture: the correlation then finds 0.1 px, 0.4 px at 1920
+SHIFT_PX: Final = 1.0  # of the reduced picture: 4 px at 1920, ten times what clouds do between looks
+CLEAR: Final = 0.15  # response of the correlation below which there is no common picture to speak of
+REMEMBERED_NS: Final = 60_000_000_000  # ns for which a shift is worth telling
+MOVING_LOOKS: Final = 4  # shifts among the last REMEMBERED_NS that make it a camera that moves
+
+
+@dataclass(frozen=True)
+class Shift:
+    """The picture moved by du, dv pixels (of the frame) between two looks, the later at t_unix_ns."""
+
+    t_unix_ns: int
+    du_px: float
+    dv_px: float
+
+
+class ViewWatch:
+    """Compares the picture with itself half a second earlier. Pure: frames bring their time."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, int, NDArray[np.float32]] | None = None  # time, segment, reduced picture
+        self._window: NDArray[np.float32] | None = None
+        self.recent: deque[Shift] = deque()
+        self.shifts = 0
+
+    def update(self, frame: Frame) -> Shift | None:
+        """The shift since the last look, if there was one; looks at most every LOOK_NS."""
+        last = self._last
+        if last is not None and last[1] == frame.segment and 0 <= frame.t_unix_ns - last[0] < LOOK_NS:
+            return None
+        height = max(2, round(frame.image.shape[0] * WIDTH_PX / frame.image.shape[1]))
+        small = cv2.resize(grey(frame.image), (WIDTH_PX, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+        self._last = (frame.t_unix_ns, frame.segment, small)
+        while self.recent and self.recent[0].t_unix_ns < frame.t_unix_ns - REMEMBERED_NS:
+            self.recent.popleft()
+        if last is None or last[2].shape != small.shape:
+            return None
+        return self._compare(last[2], small, frame)
+
+    def _compare(self, before: NDArray[np.float32], now: NDArray[np.float32], frame: Frame) -> Shift | None:
+        if self._window is None or self._window.shape != now.shape:
+            self._window = cv2.createHanningWindow((now.shape[1], now.shape[0]), cv2.CV_32F)
+        (du, dv), response = cv2.phaseCorrelate(before, now, self._window)
+        if response < CLEAR or max(abs(du), abs(dv)) < SHIFT_PX:
+            return None
+        scale = frame.image.shape[1] / WIDTH_PX
+        shift = Shift(frame.t_unix_ns, du * scale, dv * scale)
+        self.recent.append(shift)
+        self.shifts += 1
+        return shift
+
+    @property
+    def moves(self) -> bool:
+        """Whether the picture shifts again and again, as on a moving camera."""
+        return len(self.recent) >= MOVING_LOOKS
