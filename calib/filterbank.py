@@ -10,6 +10,7 @@ A ray that comes late updates the state where it stands, by way of the state tak
 """
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import cv2
 import numpy as np
@@ -19,6 +20,10 @@ from calib.motion import STATE, Singer
 from calib.network import POSE_SIZE, Network
 from calib.sighting import Sighting
 from edge.lens import Array
+
+VIGOUR: Final = (0.02, 4.0)  # of a target: a balloon to a hawk, against the motion model's variance
+AWAKES_S: Final = 0.5  # s: how soon a target that begins to turn is believed
+CALMS_S: Final = 5.0  # s: how long one that flies straight is still expected to turn
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,10 @@ class Rays:
 
 @dataclass
 class FilterBank:
-    """States (N, 9), covariances (N, 9, 9), covariances with the poses (N, 9, 6 C) and times (N,) of all targets."""
+    """States (N, 9), covariances (N, 9, 9), covariances with the poses (N, 9, 6 C) and times (N,) of all targets.
+
+    vigour: (N,) variance of each target's acceleration against the motion model's, learnt from its own flight.
+    """
 
     network: Network
     motion: Singer
@@ -71,6 +79,7 @@ class FilterBank:
     covariance: Array = field(default_factory=lambda: np.empty((0, STATE, STATE)))
     with_poses: Array = field(init=False)
     t_s: Array = field(default_factory=lambda: np.empty(0))
+    vigour: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         self.with_poses = np.empty((0, STATE, POSE_SIZE * len(self.network.cameras)))
@@ -84,11 +93,12 @@ class FilterBank:
         self.covariance = np.concatenate([self.covariance, covariance[None]])
         self.with_poses = np.concatenate([self.with_poses, with_poses[None]])
         self.t_s = np.append(self.t_s, t_s)
+        self.vigour = np.append(self.vigour, 1.0)
 
     def keep(self, which: NDArray[np.bool_]) -> None:
         """Forget all targets but those of a boolean mask (N,)."""
         self.state, self.covariance = self.state[which], self.covariance[which]
-        self.with_poses, self.t_s = self.with_poses[which], self.t_s[which]
+        self.with_poses, self.t_s, self.vigour = self.with_poses[which], self.t_s[which], self.vigour[which]
 
     def predict(self, t_s: float) -> Prediction:
         """All states at t_s, which may lie a little before them."""
@@ -96,7 +106,8 @@ class FilterBank:
         F = self.motion.transition(dt_s)
         state = np.matmul(F, self.state[:, :, None])[:, :, 0]
         half = np.matmul(F, self.covariance)
-        covariance = np.matmul(half, F.transpose(0, 2, 1)) + self.motion.noise(dt_s)
+        covariance = np.matmul(half, F.transpose(0, 2, 1))
+        covariance += self.motion.noise(dt_s) * self.vigour[:, None, None]
         with_poses = np.matmul(F, self.with_poses)
         if (dt_s >= 0).all():
             now = np.full(len(self), t_s)
@@ -125,7 +136,7 @@ class FilterBank:
         return Expected(sighting, drift, seen + shared + shared.transpose(0, 2, 1) + pose)
 
     def update(
-        self, prediction: Prediction, sighting: Sighting, camera: int, which: NDArray[np.int64], rays: Rays
+        self, prediction: Prediction, sighting: Sighting, camera: int, which: NDArray[np.intp], rays: Rays
     ) -> Array:
         """Let targets `which` (K,) take one ray each.
 
@@ -149,13 +160,22 @@ class FilterBank:
         gain = np.matmul(in_pixels, inverse)
         drift = np.matmul(by_point, prediction.state[which, 3:6, None])[:, :, 0]
         innovation = rays.pixels - sighting.pixels[which] - drift * rays.after_s[:, None]
+        passed_s = prediction.base_t_s[which] - self.t_s[which]
         self.t_s[which] = prediction.base_t_s[which]
         self.state[which] = prediction.base_state[which] + np.matmul(gain, innovation[:, :, None])[:, :, 0]
         covariance = prediction.base_covariance[which] - np.matmul(gain, in_pixels.transpose(0, 2, 1))
         self.covariance[which] = (covariance + covariance.transpose(0, 2, 1)) / 2
         self.with_poses[which] = prediction.base_with_poses[which] - np.matmul(gain, with_poses)
+        self._learn(which, passed_s)
         distance2: Array = np.einsum("ni,nij,nj->n", innovation, inverse, innovation)
         return distance2
+
+    def _learn(self, which: NDArray[np.intp], passed_s: Array) -> None:
+        """How hard each target manoeuvres: the expectation step of EM, forgetting (Dempster et al. 1977)."""
+        acceleration = np.square(self.state[which, 6:]) + np.diagonal(self.covariance[which], axis1=1, axis2=2)[:, 6:]
+        seen = np.clip(acceleration.mean(axis=1) / self.motion.sigma_m_s2**2, *VIGOUR)
+        memory_s = np.where(seen > self.vigour[which], AWAKES_S, CALMS_S)
+        self.vigour[which] += (seen - self.vigour[which]) * np.minimum(passed_s / memory_s, 1.0)
 
     def exchange(self, network: Network) -> None:
         """Go on with another network: states move as their errors hang together with the poses that changed."""

@@ -52,7 +52,7 @@ class TrackerOptions:
 
     reorder_horizon_s: float = 0.5
     coast_s: float = 2.5
-    max_sigma_m: float = 25.0
+    max_sigma_m: float = 6.0  # of position, one sigma, largest axis: more is no use to anybody
     motion: Singer = field(default_factory=Singer)
     limits: Limits = field(default_factory=Limits)
 
@@ -293,7 +293,7 @@ class Tracker:
         if dt_s > 0:
             motion = self._options.motion
             F = motion.transition(np.array([dt_s]))[0]
-            x, P, t_s = F @ x, F @ P @ F.T + motion.noise(np.array([dt_s]))[0], t_s + dt_s
+            x, P, t_s = F @ x, F @ P @ F.T + motion.noise(np.array([dt_s]))[0] * self._bank.vigour[k], t_s + dt_s
         seen = self._beliefs.seen_by(k)
         return Estimate(
             track=self._beliefs.track[k],

@@ -6,12 +6,14 @@ taken or left in whole; a stored one is believed only once what is seen agrees w
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import combinations
 from typing import Final
 
-from calib.network import Network
+import numpy as np
+
+from calib.network import POSE_SIZE, Network
 from calib.observations import Scene, SiteCamera
 from calib.station.config import MIN_CAMERAS, CalibrationSection
 from calib.station.window import Window
@@ -99,7 +101,7 @@ class Calibration:
         chosen = tuple(sites[camera] for camera in self.cameras if camera in joined)
         observations = {camera.id: window.cameras[camera.id].observations() for camera in chosen}
         scene = Scene(self.site, origin, chosen, observations)
-        return Job(self._jobs, scene, self._start(joined))
+        return Job(self._jobs, scene, self._start())
 
     def _due(self, joined: set[str], shared_s: int, now_unix_ns: int) -> bool:
         grown = shared_s > self._tried_shared_s * RETRY_GROWTH + RETRY_S
@@ -107,12 +109,14 @@ class Calibration:
             return grown or self._tried_shared_s == 0 or self._asked
         lacking = joined - {camera.id for camera in self.network.cameras} | (joined & self.suspects.keys())
         waited = now_unix_ns - self._tried_unix_ns > self.options.resolve_s * 1e9
-        return (grown and waited) or bool(lacking and (now_unix_ns - self._tried_unix_ns > 5e9))
+        return grown and (waited or bool(lacking))
 
-    def _start(self, joined: set[str]) -> Network | None:
-        """Only a network that is trusted in all its cameras, and holds all of ours, is worth beginning with."""
-        known = set() if self.network is None else {camera.id for camera in self.network.cameras}
-        return self.network if self.options.warm_start and joined <= known - self.suspects.keys() else None
+    def _start(self) -> Network | None:
+        """What to begin with: the cameras that are trusted, unless beginning with them has just failed."""
+        network = self.network
+        if network is None or not self.options.warm_start or self._failure or len(self.trusted) < MIN_CAMERAS:
+            return None
+        return reduced(network, self.trusted)
 
     def ask(self) -> None:
         """The operator wants a calibration now."""
@@ -225,3 +229,12 @@ class Calibration:
             f"waiting for an object that {best.one} and {best.other} both see "
             f"({best.shared_s} of {need_s:.0f} s shared)"
         )
+
+
+def reduced(network: Network, cameras: set[str]) -> Network:
+    """The network of only these cameras."""
+    kept = [k for k, camera in enumerate(network.cameras) if camera.id in cameras]
+    rows = np.concatenate([POSE_SIZE * k + np.arange(POSE_SIZE) for k in kept])
+    return replace(
+        network, cameras=tuple(network.cameras[k] for k in kept), covariance=network.covariance[np.ix_(rows, rows)]
+    )
