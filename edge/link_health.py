@@ -5,6 +5,8 @@ What the library does not tell is gathered here: refusals from its log, the cert
 """
 
 import datetime as dt
+import os
+import stat
 import time
 from pathlib import Path
 from typing import Final
@@ -14,7 +16,7 @@ import msgspec
 from edge import zenoh_log
 from edge.health import Check
 from edge.link import Link, LinkCounters
-from edge.link_profile import TlsSettings
+from edge.link_profile import LinkSettings, TlsSettings
 
 RECENT_S: Final = 60.0  # how long a refusal or a loss is spoken of
 RENEW_BEFORE: Final = dt.timedelta(days=30)
@@ -49,10 +51,7 @@ class LinkHealth:
         return Check("link", "ok", "the session is open")
 
     def _security(self) -> Check:
-        tls = self._link.settings.tls
-        if tls is None:
-            return Check("security", "warn", self._link.warning, "give [link.tls]: see deploy/certs/README.md")
-        return check_certificate(tls, dt.datetime.now(dt.UTC))
+        return check_security(self._link.settings, dt.datetime.now(dt.UTC))
 
     def _refusals(self, now_s: float) -> Check:
         refusals = zenoh_log.refusals()
@@ -79,8 +78,20 @@ def _lost(counters: LinkCounters) -> int:
     return counters.dropped + counters.stale + counters.failed
 
 
-def check_certificate(tls: TlsSettings, now: dt.datetime) -> Check:
-    """Whether this machine's certificate is there and still good for a month."""
+def check_security(settings: LinkSettings, now: dt.datetime) -> Check:
+    """Whether this machine's link is protected, its files are there and its certificate is good for a month."""
+    tls = settings.tls
+    if tls is None:
+        return Check("security", "warn", settings.warning, "give [link.tls]: see deploy/certs/README.md")
+    for file in (tls.authority, tls.certificate, tls.key, *([tls.access] if tls.access else [])):
+        if not os.access(file, os.R_OK):
+            return Check("security", "fail", f"{file} cannot be read", "copy it there: see deploy/certs/README.md")
+    if stat.S_IMODE(Path(tls.key).stat().st_mode) & 0o077:
+        return Check("security", "warn", f"{tls.key} can be read by others", f"chmod 600 {tls.key}")
+    return _check_certificate(tls, now)
+
+
+def _check_certificate(tls: TlsSettings, now: dt.datetime) -> Check:
     end = certificate_end(Path(tls.certificate))
     if end is None:
         return Check("security", "warn", f"{tls.certificate}: its end is not known", "make it with deploy/certs")

@@ -7,7 +7,7 @@ import pytest
 
 from edge import zenoh_log
 from edge.link import Link
-from edge.link_health import LinkHealth, certificate_end, check_certificate
+from edge.link_health import LinkHealth, certificate_end, check_security
 from edge.link_profile import LinkSettings, TlsSettings
 from edge.zenoh_log import Refusals
 
@@ -48,8 +48,23 @@ def test_a_refusal_is_spoken_of_for_a_minute(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_certificate_is_spoken_of_a_month_before_it_ends(tmp_path: Path, expires: str, level: str) -> None:
     file = tmp_path / "certificate.pem"
     file.write_text(f"hill.cam0\n{expires}\n-----BEGIN CERTIFICATE-----\n")
-    tls = TlsSettings(authority="", certificate=str(file), key="")
-    assert check_certificate(tls, NOW).level == level
+    assert check_security(settings_with(tmp_path), NOW).level == level
+
+
+def settings_with(folder: Path) -> LinkSettings:
+    for name in ("authority.pem", "key.pem"):
+        (folder / name).touch(mode=0o600)
+    files = {name: str(folder / f"{name}.pem") for name in ("authority", "certificate", "key")}
+    return LinkSettings(connect=("tls/127.0.0.1:1",), tls=TlsSettings(**files))
+
+
+def test_a_key_that_others_read_and_a_file_that_is_not_there(tmp_path: Path) -> None:
+    settings = settings_with(tmp_path)
+    assert "certificate.pem cannot be read" in check_security(settings, NOW).reason
+    (tmp_path / "certificate.pem").write_text("expires 2030-01-01T00:00:00+00:00\n")
+    assert check_security(settings, NOW).level == "ok"
+    (tmp_path / "key.pem").chmod(0o640)
+    assert check_security(settings, NOW).action.startswith("chmod 600")
 
 
 def test_a_certificate_that_is_not_there_has_no_end(tmp_path: Path) -> None:
