@@ -4,6 +4,7 @@ Exit codes: 0 done, 1 it could not be done (the reason and the next action on st
 """
 
 import argparse
+import contextlib
 import logging
 import os
 import signal
@@ -12,12 +13,16 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from edge import __version__
 from edge.config import BoxConfig, load_box
 from edge.errors import ConfigError, SkyfixError
+
+if TYPE_CHECKING:
+    from edge.camera import CameraWorker
 
 DONE, FAILED, MISUSED = 0, 1, 2
 
@@ -53,6 +58,9 @@ def _add_run(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     run = commands.add_parser("run", help="watch and publish until told to stop, or until every recording has ended")
     run.add_argument("--config", required=True, type=Path, metavar="FILE", help="the box's configuration (TOML)")
     run.add_argument("--camera", metavar="ID", help="only this one of the configuration's cameras")
+    run.add_argument(
+        "--preview", metavar="FILE|PORT", help="write a low-rate picture to FILE, or serve it on http://127.0.0.1:PORT/"
+    )
     run.set_defaults(command=_run)
 
 
@@ -87,7 +95,7 @@ def _run(arguments: argparse.Namespace) -> int:
     stop = threading.Event()
     _stop_on_signals(stop)
     before = set(threading.enumerate())
-    with ZenohLog(), Node(config, arguments.config, stop) as node:
+    with ZenohLog(), Node(config, arguments.config, stop) as node, _preview(arguments.preview, node.workers[0]):
         if node.run():
             code = DONE
         else:
@@ -103,6 +111,13 @@ def _leave_what_is_stuck(stuck: set[threading.Thread], code: int) -> None:
         logging.getLogger(__name__).info("leaving %s", ", ".join(sorted(thread.name for thread in stuck)))
         logging.shutdown()
         os._exit(code)
+
+
+def _preview(where: str | None, worker: "CameraWorker") -> contextlib.AbstractContextManager[object]:
+    """The preview of a camera; of the first one, where a box has several and none was chosen."""
+    from edge.preview import Preview  # noqa: PLC0415
+
+    return Preview(where, worker.glance) if where else contextlib.nullcontext()
 
 
 def _only(config: BoxConfig, camera: str | None, file: Path) -> BoxConfig:

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Final
 
 from edge.capture import Source, is_live, is_lossless, open_source
+from edge.capture.frame import Frame
 from edge.capture.reader import Reader
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector import open_detector
 from edge.errors import SkyfixError
-from edge.health import Check
+from edge.gate import Row
+from edge.health import SEVERITY, Check
 from edge.lens import LensModel
 from edge.messages import Lens, Tracks
 from edge.pipeline import CameraFacts, Pipeline, SideBySide
@@ -157,6 +159,13 @@ class CameraWorker:
             action = "give it a smaller model or another core, or ask the camera for fewer frames"
             return Check(name, "warn", f"{share:.0%} of the frames were lost: too slow for this camera", action)
         return Check(name, "ok", "keeps up")
+
+    def glance(self) -> tuple[Frame, list[Row], str, str] | None:
+        """The newest frame, its rows, the worst level and a line about it; None before the first frame."""
+        if self.pipeline.latest is None:
+            return None
+        bad = max(self.checks(), key=lambda check: SEVERITY[check.level])
+        return (*self.pipeline.latest, bad.level, f"{self.camera.id}: {bad.reason}")
 
     def counters(self) -> dict[str, float]:
         """What this camera did so far, by name."""
