@@ -4,6 +4,7 @@ A box is set up by somebody in a hurry who will leave it alone for hours. So eac
 camera gives a frame, the model judges it, the receiver's device opens, the base answers.
 """
 
+import datetime as dt
 import threading
 import time
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ from edge.gnss.diagnosis import State
 from edge.gnss.receiver import Receiver
 from edge.health import Check
 from edge.link import Link
+from edge.link_health import check_security
 from edge.messages import HealthLevel, station_key
 from edge.pipeline import CameraFacts, Pipeline, total_bound_s
 
@@ -45,6 +47,7 @@ def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
         yield check_receiver(Receiver(config.gnss))
     if config.spool:
         yield check_spool_folder(Path(config.spool.folder))
+    yield check_security(config.link, dt.datetime.now(dt.UTC))
     yield check_link(config)
 
 

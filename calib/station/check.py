@@ -1,5 +1,6 @@
 """`base-station check`: the configuration as it is understood, and one line for each thing it depends on."""
 
+import datetime as dt
 import json
 import os
 import shutil
@@ -18,7 +19,9 @@ from calib.station.config import MIN_CAMERAS, BaseConfig
 from calib.station.memory import Keeper
 from calib.station.positions import with_survey
 from edge.errors import ConfigError
+from edge.link_health import check_security
 
+VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
 
 
@@ -51,6 +54,8 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
     else:
         yield Line("WARN", "recording", "off", "set [recording] folder to be able to solve again afterwards")
     yield from _mavlink(config, folder)
+    security = check_security(config.link, dt.datetime.now(dt.UTC))
+    yield Line(VERDICTS[security.level], security.name, security.reason, security.action)
     for endpoint in config.link.listen:
         yield _listen(endpoint)
     if config.status.port is not None:
