@@ -3,13 +3,15 @@
 The hazard is a false fix that every test of the receiver's has passed. It stands still, it repeats, and it bends the
 whole network. But the cameras know the network's shape without any survey, up to place, heading, tilt and scale. The
 adjustment has already weighed the two against each other; by how much it moved each camera away from its surveyed
-position, compared with how much it may, is a chi-square test with 3 n - 7 degrees of freedom. With four cameras or more
-the one whose removal explains the misfit is named; with three any one of them would explain it.
+position, compared with how much it may, is a chi-square test with at most 3 n - 7 degrees of freedom. What the cameras
+hardly know (a lens left free takes much of it) is not tested. A wrong position has three unknowns: only with more than
+three tested directions, so from four cameras on, can the one whose removal explains the misfit be named, and where
+others explain it nearly as well they are named too.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -18,8 +20,10 @@ from edge.lens import Array
 
 FALSE_ALARM: Final = 0.01  # of a good survey: one calibration in a hundred asks for a second look
 GAUGE: Final = 7  # what the cameras cannot know: place, attitude, scale
-NAMEABLE_FROM: Final = 4  # cameras: with three every one of them can be the wrong one
-RANK_TOLERANCE: Final = 1e-9  # of the largest eigenvalue: below it a direction is not tested at all
+WRONG_HAS: Final = 3  # unknowns: fewer tested directions than that and one more, and every camera explains the misfit
+TESTABLE: Final = 0.01  # of the survey's own information: what the cameras know less of is left to the survey
+BIAS_SIGMA_M: Final = 1.0  # false fixes are decimetres, slips of the pen metres; without a scale any camera would do
+UNDECIDED: Final = 6.0  # twice the log of 20 to 1: an explanation less than that worse than the best stays possible
 TAPE_SIGMA_M: Final = 0.01  # a steel tape over 50 m, sag and reading
 
 
@@ -27,29 +31,28 @@ TAPE_SIGMA_M: Final = 0.01  # a steel tape over 50 m, sag and reading
 class NetworkCheck:
     """The verdict. statistic: chi-square with `freedom` degrees. suspect: the camera named, if one can be.
 
-    wrong_by_m: (3,) east, north, up: how far the suspect's survey is off by what all others say; shares: for each
-    camera the part of the statistic that goes away without it.
+    wrong_by_m: (3,) east, north, up: how far the suspect's survey is off by what all others say. also: cameras that
+    explain the misfit nearly as well.
     """
 
     statistic: float
     freedom: int
     p_value: float
     passed: bool
-    suspect: str | None
-    wrong_by_m: tuple[float, float, float] | None
-    shares: dict[str, float]
+    suspect: str | None = None
+    wrong_by_m: tuple[float, float, float] | None = None
+    also: tuple[str, ...] = ()
 
     def __str__(self) -> str:
+        figures = f"(chi-square {self.statistic:.1f} of {self.freedom})"
         if self.passed:
-            return f"survey and cameras agree (chi-square {self.statistic:.1f} of {self.freedom})"
+            return f"survey and cameras agree {figures}"
         if self.suspect is None or self.wrong_by_m is None:
-            return (
-                f"one of the surveyed positions is wrong (chi-square {self.statistic:.1f} of {self.freedom}); "
-                "with so few cameras it cannot be told which"
-            )
+            return f"one of the surveyed positions is wrong; the cameras do not know enough to tell which {figures}"
+        rest = f"; {', '.join(self.also)} cannot be excluded" if self.also else ""
         return (
-            f"the surveyed position of {self.suspect} is wrong by about {math.hypot(*self.wrong_by_m):.2f} m "
-            f"(chi-square {self.statistic:.1f} of {self.freedom})"
+            f"the surveyed position of {self.suspect} is wrong by about {math.hypot(*self.wrong_by_m):.2f} m{rest} "
+            f"{figures}"
         )
 
 
@@ -59,42 +62,50 @@ def check_survey(
     """Test the survey of n cameras against the adjustment that used it as a prior.
 
     surveyed_m, adjusted_m: (n, 3) ENU. survey_covariance, adjusted_covariance: (3 n, 3 n), the latter of the adjusted
-    centres with everything else estimated. Source: Baarda, "A testing procedure for use in geodetic networks" (1968):
-    the prior's weighted residuals g have covariance M = P^-1 - P^-1 C P^-1, and leaving camera i out lowers
-    g' M^+ g by g_i' M_ii^-1 g_i.
+    centres with everything else estimated. In units of the survey's sigma (P = R R') the shift h = R^-1 (adjusted -
+    surveyed) has covariance S = 1 - R^-1 C R^-T, and a wrong position b of camera i shifts it by -S R^-1 b. Source:
+    Baarda, "A testing procedure for use in geodetic networks" (1968).
     """
-    weight = np.linalg.inv(survey_covariance)
-    residual = weight @ (adjusted_m - surveyed_m).reshape(-1)
-    spread = weight - weight @ adjusted_covariance @ weight
-    spread = (spread + spread.T) / 2
-    freedom = 3 * len(names) - GAUGE
-    statistic = _quadratic(residual, spread, freedom)
-    shares, biases = {}, {}
-    for i, name in enumerate(names):
-        block = slice(3 * i, 3 * i + 3)
-        biases[name] = -np.linalg.pinv(spread[block, block], rcond=RANK_TOLERANCE) @ residual[block]
-        shares[name] = float(-residual[block] @ biases[name])
-    p_value = float(stats.chi2.sf(statistic, freedom))
+    root = np.linalg.cholesky(survey_covariance)
+    shift = np.linalg.solve(root, (adjusted_m - surveyed_m).reshape(-1))
+    whitened = np.linalg.solve(root, np.linalg.solve(root, adjusted_covariance).T)
+    values, vectors = np.linalg.eigh(np.eye(len(shift)) - (whitened + whitened.T) / 2)
+    tested = (values > TESTABLE) & (np.arange(len(values)) >= GAUGE)
+    values, vectors = values[tested], vectors[:, tested]
+    seen = vectors.T @ shift
+    freedom, statistic = len(values), float(np.sum(seen**2 / values))
+    p_value = float(stats.chi2.sf(statistic, freedom)) if freedom else 1.0
     passed = p_value > FALSE_ALARM
-    suspect = _suspect(shares) if not passed and len(names) >= NAMEABLE_FROM else None
-    wrong_by = None
-    if suspect is not None:
-        east, north, up = biases[suspect].tolist()
-        wrong_by = (east, north, up)
-    return NetworkCheck(statistic, freedom, p_value, passed, suspect, wrong_by, shares)
+    if passed or freedom <= WRONG_HAS:
+        return NetworkCheck(statistic, freedom, p_value, passed)
+    explained = _explanations(names, np.linalg.solve(root.T, vectors), seen, values)
+    suspect, *others = sorted(explained, key=lambda name: -explained[name].support)
+    least = explained[suspect].support - UNDECIDED
+    also = tuple(name for name in others if explained[name].support > least)
+    return NetworkCheck(statistic, freedom, p_value, passed, suspect, explained[suspect].bias_m, also)
 
 
-def _quadratic(vector: Array, matrix: Array, rank: int) -> float:
-    """vector' matrix^+ vector over the `rank` largest eigenvalues: the gauge is known to be nothing but rounding."""
-    values, vectors = np.linalg.eigh(matrix)
-    kept = np.arange(len(values)) >= len(values) - rank
-    kept &= values > RANK_TOLERANCE * values[-1]
-    return float(np.sum((vectors[:, kept].T @ vector) ** 2 / values[kept]))
+class _Explanation(NamedTuple):
+    """One camera's wrong position as the cause: twice the log of its likelihood, and how wrong it would be."""
+
+    support: float
+    bias_m: tuple[float, float, float]
 
 
-def _suspect(shares: dict[str, float]) -> str:
-    """The camera without which the misfit is least."""
-    return max(shares, key=lambda name: shares[name])
+def _explanations(names: list[str], directions: Array, seen: Array, values: Array) -> dict[str, _Explanation]:
+    """What each camera's wrong position would explain; directions: (3 n, m) tested ones, R^-T times eigenvectors."""
+    explained = {}
+    for i, name in enumerate(names):
+        reach = directions[3 * i : 3 * i + 3]
+        known = reach @ (values[:, None] * reach.T)
+        pull = reach @ seen
+        total = known + np.eye(3) / BIAS_SIGMA_M**2
+        bias = -np.linalg.solve(total, pull)
+        # A position that could be anything explains anything: its freedom counts against it.
+        support = -float(pull @ bias) - float(np.linalg.slogdet(total * BIAS_SIGMA_M**2)[1])
+        east, north, up = bias.tolist()
+        explained[name] = _Explanation(support, (east, north, up))
+    return explained
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,13 @@ from calib.station.survey_store import (
     occupations_of,
 )
 from calib.survey import Closure, apart, loop_closure
-from calib.survey_check import GAUGE, NetworkCheck, TapeCheck, check_survey, check_tape
+from calib.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
 from edge.errors import ConfigError
 from edge.lens import Array
 from edge.messages import Fix
 from edge.settings import build
 
-LEAST_CAMERAS: Final = GAUGE // 3 + 1  # below three the cameras say nothing about the survey
+LEAST_CAMERAS: Final = 3  # fewer say nothing about the survey: their shape is free
 LEAST_PRIOR_SIGMA_M: Final = 1e-3  # an entered sigma of zero would be an infinite weight
 CSV_COLUMNS: Final = ("id", "lat_deg", "lon_deg", "height_m", "sigma_east_m", "sigma_north_m", "sigma_up_m")
 
