@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
+import numpy as np
 
 from calib.solution import Solution
 from calib.station.report import figures, grade, html
@@ -64,7 +65,13 @@ def summarise(solution: Solution) -> Summary:
 
 def to_json(summary: Summary) -> bytes:
     """report.json; NaN and infinity, which JSON has not, come out as null."""
-    return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
+    return msgspec.json.format(msgspec.json.encode(summary, enc_hook=_plain), indent=2) + b"\n"
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise NotImplementedError(f"{type(value)} in a report")
 
 
 def to_html(solution: Solution, summary: Summary) -> str:
