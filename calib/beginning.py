@@ -15,7 +15,7 @@ from calib.errors import CalibrationError
 from calib.identity import Key, identify
 from calib.material import Material
 from calib.network import Camera, Network
-from calib.priors import ALIGNED_TO_S
+from calib.priors import trusted_clocks
 from calib.scaffold import Pose, build, threshold_ray
 from calib.similarity import Similarity
 
@@ -37,8 +37,7 @@ class Beginning:
 
 def from_scaffold(material: Material, *, local: bool, clock_search_s: float = NEAR_S) -> Beginning:
     """Cameras from nothing but tracks and survey. Raises CalibrationError with what is missing."""
-    bounds = {name: site.clock_bound_s for name, site in material.sites.items()}
-    trusted = frozenset(name for name, bound in bounds.items() if bound is not None and bound <= ALIGNED_TO_S)
+    trusted = trusted_clocks(material.sites)
     offsets = align_all(material.tracks, clock_search_s, trusted)
     if len(offsets) < len(material.tracks) and clock_search_s < FAR_S:
         offsets = align_all(material.tracks, FAR_S, trusted)

@@ -127,6 +127,26 @@ def held(camera: Camera, prior: CameraPrior) -> Camera:
     )
 
 
+def on_site_time(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> tuple[Camera, ...]:
+    """The cameras with their clocks against the site's time: that of the boxes that know theirs, else of most.
+
+    Anew for every set of cameras: the one the others were aligned to may be the one that was thrown out.
+    """
+    knowing = [camera for camera in cameras if _knows_its_time(sites[camera.id])]
+    offsets = sorted(camera.clock_offset_s for camera in knowing or cameras)
+    zero = min(offsets[(len(offsets) - 1) // 2], offsets[len(offsets) // 2], key=abs)
+    return tuple(replace(camera, clock_offset_s=camera.clock_offset_s - zero) for camera in cameras)
+
+
+def _knows_its_time(site: SiteCamera) -> bool:
+    return site.clock_bound_s is not None and site.clock_bound_s <= ALIGNED_TO_S
+
+
+def trusted_clocks(sites: dict[str, SiteCamera]) -> frozenset[str]:
+    """Cameras whose own bound is tighter than any alignment by tracks."""
+    return frozenset(name for name, site in sites.items() if _knows_its_time(site))
+
+
 def time_reference(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> str:
     """The camera whose clock is the site's time: the smallest published bound, else the first that needed no shift."""
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import block_diag
 
 from calib.beginning import Beginning
@@ -20,7 +19,7 @@ from calib.errors import CalibrationError
 from calib.flight import Estimate
 from calib.material import FEWEST_ROWS, Material
 from calib.network import Camera
-from calib.priors import FIXED, CameraPrior, camera_priors, held
+from calib.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
 from calib.projection import CAMERA_SIZE, CENTRE, ROTATION
 from calib.survey_check import FALSE_ALARM, GAUGE, NetworkCheck, check_survey
 from calib.weights import Weights
@@ -72,7 +71,7 @@ def refine(material: Material, beginning: Beginning, knots_s: float, weights: We
 
 
 def _problem(material: Material, beginning: Beginning, knots_s: float) -> tuple[Problem, Estimate]:
-    cameras = beginning.cameras
+    cameras = on_site_time(beginning.cameras, material.sites)
     priors = camera_priors(cameras, material.sites, frozenset(beginning.disbelieved))
     if beginning.gauge:
         priors = _local_gauge(priors, beginning.gauge)
@@ -171,5 +170,5 @@ def _wrong_position(adjusted: Adjusted, problem: Problem) -> tuple[str, str] | N
     check = survey_check(adjusted, problem)
     if check is None or check.suspect is None or check.p_value > SURE:
         return None
-    rest = stats.chi2.sf(check.statistic - check.shares[check.suspect], check.freedom - 3)
-    return (check.suspect, f"{check}; it was not used") if rest > FALSE_ALARM else None
+    others_agree = check.rest_p_value is not None and check.rest_p_value > FALSE_ALARM
+    return (check.suspect, f"{check}; it was not used") if others_agree and not check.also else None

@@ -32,7 +32,7 @@ class NetworkCheck:
     """The verdict. statistic: chi-square with `freedom` degrees. suspect: the camera named, if one can be.
 
     wrong_by_m: (3,) east, north, up: how far the suspect's survey is off by what all others say. also: cameras that
-    explain the misfit nearly as well.
+    explain the misfit nearly as well. rest_p_value: chance of what is left, if the suspect's position were unknown.
     """
 
     statistic: float
@@ -42,6 +42,7 @@ class NetworkCheck:
     suspect: str | None = None
     wrong_by_m: tuple[float, float, float] | None = None
     also: tuple[str, ...] = ()
+    rest_p_value: float | None = None
 
     def __str__(self) -> str:
         figures = f"(chi-square {self.statistic:.1f} of {self.freedom})"
@@ -82,14 +83,18 @@ def check_survey(
     suspect, *others = sorted(explained, key=lambda name: -explained[name].support)
     least = explained[suspect].support - UNDECIDED
     also = tuple(name for name in others if explained[name].support > least)
-    return NetworkCheck(statistic, freedom, p_value, passed, suspect, explained[suspect].bias_m, also)
+    rest = float(stats.chi2.sf(statistic - explained[suspect].removes, freedom - WRONG_HAS))
+    return NetworkCheck(statistic, freedom, p_value, passed, suspect, explained[suspect].bias_m, also, rest)
 
 
 class _Explanation(NamedTuple):
-    """One camera's wrong position as the cause: twice the log of its likelihood, and how wrong it would be."""
+    """One camera's wrong position as the cause: twice the log of its likelihood, how wrong it would be, and the part
+    of the statistic that goes away with it.
+    """
 
     support: float
     bias_m: tuple[float, float, float]
+    removes: float
 
 
 def _explanations(names: list[str], directions: Array, seen: Array, values: Array) -> dict[str, _Explanation]:
@@ -104,7 +109,7 @@ def _explanations(names: list[str], directions: Array, seen: Array, values: Arra
         # A position that could be anything explains anything: its freedom counts against it.
         support = -float(pull @ bias) - float(np.linalg.slogdet(total * BIAS_SIGMA_M**2)[1])
         east, north, up = bias.tolist()
-        explained[name] = _Explanation(support, (east, north, up))
+        explained[name] = _Explanation(support, (east, north, up), float(pull @ np.linalg.pinv(known) @ pull))
     return explained
 
 
