@@ -19,6 +19,7 @@ from edge.capture.stamps import (
     SENSOR_BOUND_S,
     FrameRounding,
     LeastDelay,
+    StreamDrift,
     sender_is_plausible,
 )
 from edge.errors import SourceError
@@ -124,6 +125,7 @@ class RtspStream:
         self._now = now_unix_ns
         self._least_delay = LeastDelay()
         self._rounding = FrameRounding()
+        self._drift = StreamDrift()
 
     def read(self) -> Frame | None:
         """The next frame. Raises SourceError when the stream is dead."""
@@ -135,10 +137,12 @@ class RtspStream:
         if not ok:
             raise _dead(self._path)
         image = image if self._colour else grey(image)
-        arrived_ns = self._least_delay.unix_ns(round(at_ms * 1e6), arrival_ns) - self._delay_ns
+        stream_ns = round(at_ms * 1e6)
+        arrived_ns = self._least_delay.unix_ns(stream_ns, arrival_ns)
         sent_ns = self._sent_unix_ns(at_ms)
         if sent_ns is None or not sender_is_plausible(sent_ns, arrival_ns):
-            return Frame(arrived_ns, image, "arrival", ARRIVAL_BOUND_S)
+            return Frame(arrived_ns - self._delay_ns, image, "arrival", self._least_delay.bound_s)
+        sent_ns += self._drift.drift_ns(stream_ns, arrived_ns, sent_ns)
         return Frame(sent_ns - self._delay_ns, image, "sender", SENDER_BOUND_S)
 
     def _sent_unix_ns(self, at_ms: float) -> int | None:

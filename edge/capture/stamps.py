@@ -11,6 +11,7 @@ from typing import Final
 
 ENVELOPE_S: Final = 30.0  # s of frames the least delay is sought in: clocks drift 1 ms in as long
 ARRIVAL_BOUND_S: Final = 0.1  # s: network, decoder and buffer of an ordinary IP camera, measured 30 to 100 ms
+SETTLED_S: Final = 2.0  # s of a stream until what was buffered while it was opened has run out
 SENDER_BOUND_S: Final = (
     0.005  # s: resolution of a sender report seen through the decoder, beside the sender's own clock
 )
@@ -23,16 +24,49 @@ class LeastDelay:
     """Maps stream times to UTC by the least delayed arrival of the last ENVELOPE_S."""
 
     _seen: deque[tuple[int, int]] = field(default_factory=deque)  # (stream ns, arrival minus stream ns), rising
+    _first_stream_ns: int | None = None
+    _settled: bool = False
+
+    @property
+    def bound_s(self) -> float | None:
+        """How far the last time may be off; None while nobody knows."""
+        return ARRIVAL_BOUND_S if self._settled else None
 
     def unix_ns(self, stream_ns: int, arrival_unix_ns: int) -> int:
         """UTC of a frame at stream_ns that arrived at arrival_unix_ns. Never later than its arrival."""
         delay = arrival_unix_ns - stream_ns
+        if self._first_stream_ns is None:
+            self._first_stream_ns = stream_ns
+        self._settled = stream_ns - self._first_stream_ns >= SETTLED_S * 1e9
         while self._seen and self._seen[-1][1] >= delay:
             self._seen.pop()
         self._seen.append((stream_ns, delay))
         while self._seen[0][0] < stream_ns - ENVELOPE_S * 1e9:
             self._seen.popleft()
         return stream_ns + self._seen[0][1]
+
+
+@dataclass
+class StreamDrift:
+    """How far a stream's clock has run away from its sender's since its first report, which is all we are told of.
+
+    Decoders tie a stream to the sender's clock once, at the first report; at 50 ppm that is 180 ms wrong after an hour.
+    The least delay is the same as ever, so what it seems to have changed by is the drift.
+    """
+
+    _first_stream_ns: int | None = None
+    _reference_ns: int | None = None
+
+    def drift_ns(self, stream_ns: int, least_delayed_unix_ns: int, sent_unix_ns: int) -> int:
+        """The drift at a frame; 0 until a first stretch of ENVELOPE_S has shown what the least delay is."""
+        if self._first_stream_ns is None:
+            self._first_stream_ns = stream_ns
+        delay_ns = least_delayed_unix_ns - sent_unix_ns
+        if self._reference_ns is None:
+            if stream_ns - self._first_stream_ns < ENVELOPE_S * 1e9:
+                return 0
+            self._reference_ns = delay_ns
+        return delay_ns - self._reference_ns
 
 
 @dataclass

@@ -16,7 +16,7 @@ from edge.capture.frame import Frame, middle_of_exposure
 from edge.capture.live import RtspStream, V4l2Camera
 from edge.capture.pacing import Realtime
 from edge.capture.reader import Reader
-from edge.capture.stamps import ARRIVAL_BOUND_S, LeastDelay
+from edge.capture.stamps import ARRIVAL_BOUND_S, LeastDelay, StreamDrift
 from edge.config import CameraConfig, LensConfig, SourceConfig
 from edge.errors import ConfigError, SourceError
 from tests.edge.footage import sky, write_video
@@ -255,6 +255,20 @@ def test_least_delay_is_never_later_than_arrival_nor_earlier_than_the_least(dela
         t = mapping.unix_ns(stream_ns, arrival_ns)
         assert t <= arrival_ns
         assert t - stream_ns - T0 == round(min(delays_ms[: k + 1]) * MS)
+
+
+def test_drift_of_a_stream_is_taken_off() -> None:
+    # A stream clock 50 ppm fast for ten minutes: 30 ms; delays of 20 ms and more, now and then the least.
+    least, drift, worst_ms = LeastDelay(), StreamDrift(), 0.0
+    rng = np.random.default_rng(7)
+    for k in range(6000):
+        true_ns = T0 + k * 100 * MS
+        stream_ns = round(k * 100 * MS * (1 + 50e-6))
+        arrived_ns = least.unix_ns(stream_ns, true_ns + round(rng.exponential(10) * MS) + 20 * MS)
+        sent_ns = T0 + stream_ns
+        worst_ms = max(worst_ms, abs(sent_ns + drift.drift_ns(stream_ns, arrived_ns, sent_ns) - true_ns) / MS)
+    # 1.5 ms before the reference is found, and as much again by which the least of 30 s lags behind.
+    assert worst_ms < 4.0
 
 
 class Scripted:
