@@ -1,4 +1,6 @@
-"""A small RTSP camera for tests and benchmarks: motion JPEG over interleaved RTP (RFC 2326, RFC 2435), with RTCP sender reports.
+"""A small RTSP camera for tests and benchmarks: motion JPEG over interleaved RTP, with RTCP sender reports.
+
+RTSP: RFC 2326. JPEG payload: RFC 2435.
 
 Its clock can be wrong on purpose, its reports left out, and it can fall silent, as real cameras do.
 """
