@@ -132,6 +132,7 @@ ACTIONS: Final = {
     Reason.SEPARATION: "make the receiver send the geoid separation, or set separation_m",
     Reason.RANGE: "check the receiver's settings",
     Reason.DOUBT: "give the antenna a free view of the sky and wait",
+    Reason.GEOMETRY: "wait for the satellites to move, or give the antenna a free view of the sky",
     Reason.DISAGREE: "restart the receiver",
     Reason.DATE: "update the receiver's firmware: its week counter has wrapped",
     Reason.LEAP_SECOND: "wait a second",

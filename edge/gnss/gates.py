@@ -22,6 +22,7 @@ RTK_FIXED: Final = 4
 MAX_AGE_S: Final = 5.0  # corrections older than this have let the position drift by centimetres
 MIN_DECIMALS: Final = 6  # of a minute: 1.9 mm; five are 18.6 mm and bias a quiet receiver's mean by up to 10 mm
 MAX_REPORTED_SIGMA_M: Final = 0.1  # ten times a fixed solution's; a smaller claim is no proof of anything
+MAX_PDOP: Final = 6.0  # beyond it a fixed solution's height is decimetres off; survey guidance stops at 5 or 6
 MAX_SOURCES_APART_M: Final = 0.03  # GGA against NAV-HPPOSLLH: the coarsest accepted GGA rounds to 2 mm and 0.1 m
 MIN_HEIGHT_M, MAX_HEIGHT_M = -500.0, 9000.0  # the Dead Sea's shore and Everest
 
@@ -48,6 +49,7 @@ class Reason(StrEnum):
     SEPARATION = "geoid separation missing"
     RANGE = "out of range"
     DOUBT = "receiver doubts itself"
+    GEOMETRY = "satellites stand badly"
     DISAGREE = "its own sentences disagree"
     DATE = "impossible date"
     LEAP_SECOND = "leap second"
@@ -129,6 +131,9 @@ def _doubt(epoch: Epoch) -> Refusal | None:
     )
     if sigmas and max(sigmas) > MAX_REPORTED_SIGMA_M:
         return Refusal(Reason.DOUBT, f"it says {max(sigmas):.2f} m")
+    # Solvers that know no dilution write 0.
+    if epoch.pdops and min(epoch.pdops) > MAX_PDOP:
+        return Refusal(Reason.GEOMETRY, f"PDOP {min(epoch.pdops):g}")
     return None
 
 

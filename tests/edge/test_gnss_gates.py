@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edge.gnss.diagnosis import ACTIONS
 from edge.gnss.epoch import Epoch
 from edge.gnss.gates import (
     CONFIRMATIONS,
@@ -62,6 +63,7 @@ def test_a_good_epoch() -> None:
         ({"gga": replace(GGA, lat_deg=0.0, lon_deg=0.0)}, Policy(), Reason.RANGE),
         ({"gga": replace(GGA, altitude_m=99999.0)}, Policy(), Reason.RANGE),
         ({"gga": GGA, "gst": Gst(43_200_000, (0.01, 0.2, 0.01))}, Policy(), Reason.DOUBT),
+        ({"gga": GGA, "pdops": [6.5, 6.5]}, Policy(), Reason.GEOMETRY),
         ({"gga": GGA, "rmc": Rmc(43_200_000, True, dt.date(2007, 1, 1), "R")}, NEWEST, Reason.DATE),
         (
             {"gga": replace(GGA, lat_deg=48.000001), "pvt": PVT, "high_precision": PRECISE},
@@ -75,6 +77,10 @@ def test_each_reason(parts: dict[str, object], policy: Policy, reason: Reason) -
     assert isinstance(refusal, Refusal)
     assert refusal.reason is reason
     assert str(refusal)
+
+
+def test_every_reason_has_a_next_action() -> None:
+    assert set(ACTIONS) == set(Reason)
 
 
 def test_a_leap_second() -> None:
