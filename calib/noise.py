@@ -8,6 +8,7 @@ from edge.lens import Array
 
 CORE: Final = 2.5  # sigma: 95.6 % of good two-dimensional residuals lie within, 95 % efficiency is kept
 RAYLEIGH_MEDIAN: Final = 1.1774  # median length of a two-dimensional normal vector of unit sigma
+OF_NORMAL: Final = 0.9420  # weighted mean square of normal residuals of unit sigma, under robust_weight squared
 SMALLEST_SIGMA_PX: Final = 1e-8  # below it pixels outweigh priors by more than a double holds
 
 
@@ -36,4 +37,5 @@ def mean_square_px(residual: Array, relative: Array) -> float:
     first = float(np.median(length)) / RAYLEIGH_MEDIAN
     # Squared: at weight 1/length^2 every outlier would still count as CORE sigmas of a first guess that it has raised.
     weight = robust_weight(length / max(first, SMALLEST_SIGMA_PX)) ** 2
-    return max(float((weight * length**2).sum() / (2 * weight.sum())), SMALLEST_SIGMA_PX**2)
+    square = float((weight * length**2).sum() / (2 * weight.sum()))
+    return max(square / OF_NORMAL, SMALLEST_SIGMA_PX**2)
