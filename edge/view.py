@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.files import grey
-from edge.capture.frame import Frame
+from edge.capture.frame import Frame, Image
+from edge.detector.motion import halved
 
 LOOK_NS: Final = 500_000_000  # ns between looks: a knock is over in less, and clouds move little
-WIDTH_PX: Final = 480  # of the reduced picture: the correlation then finds 0.1 px, 0.4 px at 1920
+WIDTH_PX: Final = 480  # the reduced picture's, at the least: the correlation then finds 0.1 px, 0.4 px at 1920
 SHIFT_PX: Final = 1.0  # of the reduced picture: 4 px at 1920, ten times what clouds do between looks
 CLEAR: Final = 0.15  # response of the correlation below which there is no common picture to speak of
 REMEMBERED_NS: Final = 60_000_000_000  # ns for which a shift is worth telling
@@ -47,8 +48,7 @@ class ViewWatch:
         last = self._last
         if last is not None and last[1] == frame.segment and 0 <= frame.t_unix_ns - last[0] < LOOK_NS:
             return None
-        height = max(2, round(frame.image.shape[0] * WIDTH_PX / frame.image.shape[1]))
-        small = cv2.resize(grey(frame.image), (WIDTH_PX, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+        small = _reduced(grey(frame.image))
         self._last = (frame.t_unix_ns, frame.segment, small)
         while self.recent and self.recent[0].t_unix_ns < frame.t_unix_ns - REMEMBERED_NS:
             self.recent.popleft()
@@ -62,7 +62,7 @@ class ViewWatch:
         (du, dv), response = cv2.phaseCorrelate(before, now, self._window)
         if response < CLEAR or max(abs(du), abs(dv)) < SHIFT_PX:
             return None
-        scale = frame.image.shape[1] / WIDTH_PX
+        scale = frame.image.shape[1] / now.shape[1]
         shift = Shift(frame.t_unix_ns, du * scale, dv * scale)
         self.recent.append(shift)
         self.shifts += 1
@@ -72,3 +72,10 @@ class ViewWatch:
     def moves(self) -> bool:
         """Whether the picture shifts again and again, as on a moving camera."""
         return len(self.recent) >= MOVING_LOOKS
+
+
+def _reduced(image: Image) -> NDArray[np.float32]:
+    """The picture halved as often as leaves it WIDTH_PX wide: halving alone is cheap."""
+    while image.shape[1] >= 2 * WIDTH_PX:
+        image = halved(image)
+    return image.astype(np.float32)

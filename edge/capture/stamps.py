@@ -16,6 +16,7 @@ SENDER_BOUND_S: Final = (
     0.005  # s: resolution of a sender report seen through the decoder, beside the sender's own clock
 )
 SENSOR_BOUND_S: Final = 0.002  # s: driver stamps jitter by a USB microframe to a scheduler tick
+MOST_DRIFT_PPM: Final = 100.0  # of a quartz without a thermostat, and some
 PLAUSIBLE_SENDER_S: Final = 3600.0  # s: a sender's clock further off than this was never set
 
 
@@ -51,22 +52,28 @@ class StreamDrift:
     """How far a stream's clock has run away from its sender's since its first report, which is all we are told of.
 
     Decoders tie a stream to the sender's clock once, at the first report; at 50 ppm that is 180 ms wrong after an hour.
-    The least delay is the same as ever, so what it seems to have changed by is the drift.
+    The least delay stays as it was, so what it seems to have changed by is the drift. But a network that is slow for a
+    minute changes it too, by seconds; so the drift is only believed to grow as fast as a clock's can.
     """
 
     _first_stream_ns: int | None = None
     _reference_ns: int | None = None
+    _last_stream_ns: int = 0
+    _drift_ns: float = 0.0
 
     def drift_ns(self, stream_ns: int, least_delayed_unix_ns: int, sent_unix_ns: int) -> int:
         """The drift at a frame; 0 until a first stretch of ENVELOPE_S has shown what the least delay is."""
         if self._first_stream_ns is None:
             self._first_stream_ns = stream_ns
         delay_ns = least_delayed_unix_ns - sent_unix_ns
-        if self._reference_ns is None:
-            if stream_ns - self._first_stream_ns < ENVELOPE_S * 1e9:
-                return 0
+        if self._reference_ns is None and stream_ns - self._first_stream_ns >= ENVELOPE_S * 1e9:
             self._reference_ns = delay_ns
-        return delay_ns - self._reference_ns
+        if self._reference_ns is not None:
+            most_ns = MOST_DRIFT_PPM * 1e-6 * max(0, stream_ns - self._last_stream_ns)
+            change_ns = delay_ns - self._reference_ns - self._drift_ns
+            self._drift_ns += min(max(change_ns, -most_ns), most_ns)
+        self._last_stream_ns = stream_ns
+        return round(self._drift_ns)
 
 
 @dataclass

@@ -71,8 +71,8 @@ class MotionDetector:
         cv2.absdiff(image, past[0], first)
         cv2.absdiff(image, past[1], second)
         cv2.min(first, second, first)
-        cells = (max(1, image.shape[1] // CELL_PX), max(1, image.shape[0] // CELL_PX))
-        level: NDArray[np.float32] = cv2.resize(first, cells, interpolation=cv2.INTER_AREA).astype(np.float32)
+        # Twice by two is ten times faster than once by four, where only two has been vectorised.
+        level: NDArray[np.float32] = halved(halved(first)).astype(np.float32)
         return level
 
     def _learn(self, level: NDArray[np.float32], excess: NDArray[np.float32], rate: float) -> None:
@@ -80,6 +80,13 @@ class MotionDetector:
         assert self._deviation is not None
         cv2.accumulateWeighted(level, self._mean, rate)
         cv2.accumulateWeighted(cv2.absdiff(excess, 0.0), self._deviation, rate)
+
+
+def halved(image: Image) -> Image:
+    """The image at half its size, each pixel the mean of four."""
+    size = (max(1, image.shape[1] // 2), max(1, image.shape[0] // 2))
+    half: Image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return half
 
 
 def _blobs(moving: NDArray[np.uint8], excess: NDArray[np.float32], share: float) -> Blobs:
