@@ -21,7 +21,7 @@ Endpoint = Annotated[str, msgspec.Meta(pattern=r"^(tcp|tls|quic)/.+:\d{1,5}(#.+)
 LOOPBACK_ENDPOINT: Final = "tcp/127.0.0.1:7447"  # Zenoh's own port; loopback, because development has no TLS
 MAX_MESSAGE_BYTES: Final = 1 << 20  # the largest honest message, 1000 detections, is about 300 kB
 
-# Each value: what was measured to work (a cut link is noticed in 4 s and redialled within 1 s of its return).
+# Each value: what was measured to work (a cut link is noticed in 4 s and redialled within 2 s of its return).
 _TUNED: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -32,8 +32,8 @@ _TUNED: Final[dict[str, Any]] = {
     "transport/unicast/open_timeout": 2000,  # ms
     "transport/unicast/accept_timeout": 2000,  # ms
     "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
-    "connect/retry": {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2},
-    "listen/retry": {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2},
+    "connect/retry": {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 2},
+    "listen/retry": {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 2},
 }
 
 # At the ends of the site's radio: little is held back in buffers, for a second of old data only delays what is new.

@@ -26,7 +26,7 @@ _FILTER: Final = "warn,zenoh::net::routing::interceptor=trace,zenoh::net::routin
 _REFUSED_MESSAGE: Final = b"Msg intercepted!"
 _HANDSHAKE: Final = re.compile(rb"zenoh_link_(?:tls|quic)[\w:]*: (.*?)(?:\. Hint: .*)?$", re.MULTILINE)
 _NUMBERS: Final = re.compile(r"\d+")  # differ from line to line; the reason does not
-_HARMLESS: Final = (b"Gossip is disabled", b"Scouting delay elapsed", b"Unknown token")
+_HARMLESS: Final = (b"Gossip is disabled", b"Scouting delay elapsed", b"Unknown token", b"unknown Request")
 _STYLE: Final = re.compile(rb"\x1b\[[0-9;]*m")
 PIPE_BYTES: Final = 1 << 20  # what waits while our thread does not get its turn
 REPEAT_S: Final = 60.0

@@ -34,8 +34,8 @@ def test_what_was_cut_off_came_late_and_only_that(bad_day: BadDay) -> None:
 
 
 def test_live_comes_back_after_a_cut(bad_day: BadDay) -> None:
-    # 2 s are asked of a quiet machine; an upper bound that a busy one keeps too.
-    assert live_again_after(list(bad_day.rows), "cam1", bad_day.restored_unix_s) < 4.0
+    # 2 s are asked, and measured by tools.bench.field; one attempt to dial may be lost to a busy one (2 s, and a pause).
+    assert live_again_after(list(bad_day.rows), "cam1", bad_day.restored_unix_s) < 5.0
 
 
 def test_loss_and_jitter_delay_but_do_not_break(bad_day: BadDay) -> None:
