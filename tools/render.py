@@ -3,6 +3,7 @@
 import argparse
 import multiprocessing
 import os
+import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -56,11 +57,24 @@ def render(scene: Simulation, folder: Path, done: Callable[[Path], None] = lambd
     folder.mkdir(parents=True, exist_ok=True)
     workers = min(len(scene.camera), os.cpu_count() or 1)
     # Spawned, not forked: a fork of a process in which OpenCV has threads never ends.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        jobs = [pool.submit(render_camera, scene, number, folder) for number in range(len(scene.camera))]
-        for job in jobs:
-            done(job.result())
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=_end_quietly) as pool:
+        try:
+            jobs = [pool.submit(render_camera, scene, number, folder) for number in range(len(scene.camera))]
+            for job in jobs:
+                done(job.result())
+        except BaseException:
+            # Leaving the pool waits for its jobs; whoever interrupts us does not want to.
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
         return [job.result() for job in jobs]
+
+
+def _end_quietly() -> None:
+    """A worker that is interrupted has nothing to say; its parent has."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
