@@ -31,6 +31,8 @@ log = logging.getLogger(__name__)
 REOPEN_S: Final = 0.5  # between attempts to open a session
 STATE_POLL_S: Final = 5.0  # how often late-joiner state is asked for, beside every arrival
 QUERY_TIMEOUT_S: Final = 2.0
+REPLY_GRACE_S: Final = 0.5  # for Zenoh to say that the time is over
+GIVE_UP_S: Final = 0.1  # how soon a question is given up
 MAX_REPLIES: Final = 2048  # to one question; an honest answer has a dozen, or one per camera
 CLOSE_S: Final = 2.5  # the share of the 3 s shutdown budget that closing may take
 
@@ -178,8 +180,13 @@ class Link:
         self._wish(lambda session: session.declare_queryable(key, lambda query: inbox.put(Request(key, query))))
         return inbox
 
-    def ask(self, selector: str, timeout_s: float = QUERY_TIMEOUT_S) -> list[Received]:
-        """All replies to a question, at low priority. Blocks up to timeout_s: not for a loop that measures."""
+    def ask(
+        self, selector: str, timeout_s: float = QUERY_TIMEOUT_S, give_up: threading.Event | None = None
+    ) -> list[Received]:
+        """All replies to a question, at low priority. Blocks up to timeout_s: not for a loop that measures.
+
+        give_up: set by another thread when nobody wants the answer any more.
+        """
         replies: Inbox[Received] = Inbox(MAX_REPLIES)
         done = threading.Event()
 
@@ -197,7 +204,9 @@ class Link:
             )
 
         self._wish(get)
-        done.wait(timeout_s + 0.5)
+        ends_s = time.monotonic() + timeout_s + REPLY_GRACE_S
+        while not done.wait(GIVE_UP_S) and time.monotonic() < ends_s and not (give_up and give_up.is_set()):
+            pass
         return replies.drain()
 
     @property

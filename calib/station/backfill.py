@@ -70,7 +70,7 @@ class Backfill:
         self.close()
 
     def close(self) -> None:
-        """Stop asking; returns within 2.5 s."""
+        """Stop asking; returns within half a second, or 2.5 s on a busy machine."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(CLOSE_S)
@@ -106,7 +106,7 @@ class Backfill:
 
     def _take_stock(self) -> None:
         self._reachable.clear()
-        for answer in self._link.ask(camera_key(self._site, "*", "backlog")):
+        for answer in self._link.ask(camera_key(self._site, "*", "backlog"), give_up=self._stop):
             camera = camera_of_key(answer.key)
             try:
                 inventory = decode(answer.payload, Inventory, where=answer.key)
@@ -135,7 +135,7 @@ class Backfill:
         wanted = Gap(gap.epoch, gap.first_seq, min(gap.last_seq, gap.first_seq + ROWS_PER_QUESTION - 1))
         key = camera_key(self._site, camera, "backlog")
         question = f"{key}?epoch={wanted.epoch};first={wanted.first_seq};last={wanted.last_seq}"
-        for answer in self._link.ask(question):
+        for answer in self._link.ask(question, give_up=self._stop):
             if answer.key == key:
                 self._accept(camera, wanted, answer)
 

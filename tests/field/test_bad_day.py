@@ -34,7 +34,7 @@ def test_what_was_cut_off_came_late_and_only_that(bad_day: BadDay) -> None:
 
 
 def test_live_comes_back_after_a_cut(bad_day: BadDay) -> None:
-    # 2 s are asked, and measured by tools.bench.field; one attempt to dial may be lost to a busy one (2 s, and a pause).
+    # 2 s are asked, and measured by tools.bench.field. A busy machine may lose one more attempt to dial (2.5 s).
     assert live_again_after(list(bad_day.rows), "cam1", bad_day.restored_unix_s) < 5.0
 
 
