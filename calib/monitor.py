@@ -29,8 +29,12 @@ ALL_PAIRS_UP_TO: Final = 10  # cameras; beyond, each testifies with its next thr
 NEAR_RAD: Final = 0.05  # 2.9 degrees: what is farther from where it should be is another object
 FROZEN_S: Final = 3.0  # s of identical detections; a hovering drone's jitter in the last digit
 FROZEN_FRAMES: Final = 30
-AGREE_PAIRS: Final = 2  # of cameras whose rays meet, before a stored network is believed
-REFUSE_S: Final = 6.0  # s of rays that do not meet, after which it is not
+DISCIPLINED_S: Final = 0.002  # of a clock held by chrony over a local network
+AGREE_PAIRS: Final = 2  # of cameras whose rays meet, at least, before a stored network is believed
+AGREE_SHARE: Final = 0.5  # of the pairs that saw something at the same time
+AGREE_TIMES: Final = 3  # in a row
+AGREE_EVERY_NS: Final = 300_000_000
+REFUSE_NS: Final = 6_000_000_000  # of rays that do not meet, after which it is refused
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,16 @@ class Finding:
     camera: str
     reason: str
     since_unix_ns: int
+
+
+@dataclass
+class _Candidate:
+    """A stored network on trial: since when rays could have met, when last looked, how often in a row most met."""
+
+    network: Network
+    since_ns: int = 0
+    asked_ns: int = 0
+    agreed: int = 0
 
 
 class Guard:
@@ -55,7 +69,8 @@ class Guard:
         self._turn = 0
         self._heard_ns = 0
         self._frozen: dict[str, tuple[bytes, int, int]] = {}  # pixels, since, frames
-        self._candidate: tuple[Network, int | None, set[tuple[str, str]]] | None = None
+        self._candidate: _Candidate | None = None
+        self.clock_sigma_s: dict[str, float] = {}  # how well each camera keeps time; who is not in it is disciplined
         self.residual_mrad: dict[tuple[str, str], float] = {}
 
     def trust(self, network: Network) -> None:
@@ -150,7 +165,10 @@ class Guard:
 
     def _verdict(self, now_unix_ns: int) -> list[Finding]:
         """At most one camera a time: the others' testimony is heard afresh without it."""
-        judged = [(judge(heard, now_unix_ns), camera) for camera, heard in self._testimony.items()]
+        judged = [
+            (judge(heard, now_unix_ns, self.clock_sigma_s.get(camera, DISCIPLINED_S)), camera)
+            for camera, heard in self._testimony.items()
+        ]
         accused = [(accusation.strength, camera, accusation) for accusation, camera in judged if accusation is not None]
         if not accused:
             return []
@@ -167,21 +185,23 @@ class Guard:
 
     def agrees(self, network: Network, now_unix_ns: int) -> bool | None:
         """Whether rays meet as this network says: True or False once that is clear, None until then."""
-        if self._candidate is None or self._candidate[0] is not network:
-            self._candidate = (network, None, set())
-        _, since, agreed = self._candidate
-        compared = False
-        for pair in self._witnesses([camera.id for camera in network.cameras]):
-            met, could = meetings(network, pair, self._tracks, now_unix_ns - WATCHED_NS)
-            compared |= could
-            if met is not None:
-                agreed.add(pair)
-        if compared and since is None:
-            self._candidate = (network, now_unix_ns, agreed)
-        if len(agreed) >= AGREE_PAIRS:
+        if self._candidate is None or self._candidate.network is not network:
+            self._candidate = _Candidate(network)
+        candidate = self._candidate
+        if abs(now_unix_ns - candidate.asked_ns) < AGREE_EVERY_NS:
+            return None
+        candidate.asked_ns = now_unix_ns
+        pairs = self._witnesses([camera.id for camera in network.cameras])
+        looked = [meetings(network, pair, self._tracks, now_unix_ns - WATCHED_NS) for pair in pairs]
+        met, could = sum(found is not None for found, _ in looked), sum(possible for _, possible in looked)
+        if could < AGREE_PAIRS:
+            return None
+        candidate.since_ns = candidate.since_ns or now_unix_ns
+        # By chance two rays meet now and then; most pairs at once, again and again, only if the network is right.
+        candidate.agreed = candidate.agreed + 1 if met >= max(AGREE_PAIRS, AGREE_SHARE * could) else 0
+        verdict = True if candidate.agreed >= AGREE_TIMES else None
+        if verdict is None and now_unix_ns - candidate.since_ns > REFUSE_NS:
+            verdict = False
+        if verdict is not None:
             self._candidate = None
-            return True
-        if since is not None and now_unix_ns - since > REFUSE_S * 1e9:
-            self._candidate = None
-            return False
-        return None
+        return verdict

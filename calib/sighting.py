@@ -60,7 +60,7 @@ class View:
         by_camera[:, :, 2] = -np.matmul(by_ray, rays[:, :, None])[:, :, 0] / depth[:, None]
         by_point = by_camera @ camera.R_cam_enu
         by_pose = np.empty((len(rays), 2, POSE_SIZE))
-        by_pose[:, :, :3] = np.cross(in_camera[:, None, :], by_camera)
+        by_pose[:, :, :3] = _cross(in_camera, by_camera)
         by_pose[:, :, 3:] = -by_point
         return Sighting(bent.xy * focal + camera.lens.intrinsics[2:], by_point, by_pose, valid)
 
@@ -69,3 +69,10 @@ class View:
         width, height = self.camera.lens.size_px
         u, v = pixels[:, 0], pixels[:, 1]
         return (u >= margin_px) & (u <= width - 1 - margin_px) & (v >= margin_px) & (v <= height - 1 - margin_px)
+
+
+def _cross(points: Array, rows: Array) -> Array:
+    """(N, 2, 3) cross products of points (N, 3) with rows (N, 2, 3); numpy's own takes ten times as long."""
+    x, y, z = points[:, 0, None], points[:, 1, None], points[:, 2, None]
+    a, b, c = rows[:, :, 0], rows[:, :, 1], rows[:, :, 2]
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=2)

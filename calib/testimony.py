@@ -54,25 +54,31 @@ class Accusation:
     clock_s: float | None  # how far what it shows is behind its stamps, negative: ahead
 
 
-def judge(heard: Sequence[Testimony], now_unix_ns: int) -> Accusation | None:
-    """The strongest accusation that the testimony supports, if any."""
-    found = [_judge([t for t in heard if t.t_unix_ns > now_unix_ns - window]) for window in WINDOWS_NS]
+def judge(heard: Sequence[Testimony], now_unix_ns: int, clock_sigma_s: float = 0.001) -> Accusation | None:
+    """The strongest accusation that the testimony supports, if any.
+
+    clock_sigma_s: by how much this camera's clock may be off the calibration's without being at fault: a consumer's
+    camera with a clock of its own wanders by tens of milliseconds in a minute, a disciplined box does not.
+    """
+    windows = [[t for t in heard if t.t_unix_ns > now_unix_ns - window] for window in WINDOWS_NS]
+    found = [_judge(window, clock_sigma_s) for window in windows]
     return max((one for one in found if one is not None), key=lambda one: one.strength, default=None)
 
 
-def _judge(heard: list[Testimony]) -> Accusation | None:
+def _judge(heard: list[Testimony], clock_sigma_s: float) -> Accusation | None:
     if len(heard) < FEWEST or heard[-1].t_unix_ns - heard[0].t_unix_ns < SHORTEST_NS:
         return None
     off = np.array([t.off_px for t in heard])
     velocity = np.array([t.velocity_px_s for t in heard])
     noise = np.array([t.noise_px for t in heard]) * np.sqrt(ALIKE)
-    expected = float(np.median([t.expected_px for t in heard]))
+    wander_px = float(np.median(np.linalg.norm(velocity, axis=1))) * clock_sigma_s
+    expected = float(np.hypot(np.median([t.expected_px for t in heard]), wander_px))
     free = _fit(off, velocity, noise, (1e6, 1e-9))  # a knock alone
     knock_px = float(np.linalg.norm(free.value[:2]))
     knock = knock_px / float(np.sqrt(np.trace(free.covariance[:2, :2]) / 2 + expected**2))
     both = _fit(off, velocity, noise, (expected, CLOCK_PRIOR_S))  # a clock, beside what is expected anyway
     clock_s = float(both.value[2])
-    clock = abs(clock_s) / float(np.sqrt(both.covariance[2, 2]))
+    clock = abs(clock_s) / float(np.hypot(np.sqrt(both.covariance[2, 2]), clock_sigma_s))
     knocked, stepped = knock > KNOCK_SIGMA and knock_px > KNOCK_PX, clock > CLOCK_SIGMA and abs(clock_s) > CLOCK_S
     if not knocked and not stepped:
         return None

@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from calib.monitor import Guard
+from calib.monitor import DISCIPLINED_S, Guard
 from calib.network import Network
 from calib.observations import SiteCamera
 from calib.station.calibration import Calibration, Phase, Standing
@@ -37,6 +37,8 @@ from edge.messages import Lens as LensMessage
 NS: Final = 10**9
 FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
 SLOW_NS: Final = NS  # health, network, plans
+UNDISCIPLINED_S: Final = 0.05  # s: a camera that says nothing of its clock wanders by so much between calibrations
+REMEMBERED: Final = 1000  # targets; more than ever fly at once
 IDLE_NS: Final = NS // 4  # without a frame for so long, time passes by the clock alone
 
 
@@ -80,6 +82,9 @@ class Station:
         self.muted: set[str] = set()  # cameras that the operator left out: recorded, and not used
         self._busy = False
         self._starts: dict[str, int] = {}
+        self._said_s: dict[int, float] = {}
+        # A tenth early is not early: frames come at their own rate.
+        self._said_every_s = 0.9 / max((endpoint.rate_hz for endpoint in config.mavlink.endpoint), default=50.0)
         self._fast_ns = self._slow_ns = self._frame_ns = 0
         self._told: tuple[str, str] = ("", "")
         self._levels: dict[str, str] = {}
@@ -127,10 +132,20 @@ class Station:
         tracker = self.tracker
         moved = tracker.observe(replace(frame, sigma_px=sigma_px))
         lost = tracker.advance(tracker.newest_s)
-        if not moved and not lost:
+        due = {track for track in moved if self._due(track, tracker.newest_s)}
+        if not due and not lost:
             return []
-        estimates = tracker.estimates(tracker.newest_s, set(moved)) + lost
+        estimates = tracker.estimates(tracker.newest_s, due) + lost
         return self._border.cross(estimates, tracker.network.origin)
+
+    def _due(self, track: int, newest_s: float) -> bool:
+        """Whether any endpoint wants this target again; saying it at every ray would cost more than tracking it."""
+        if 0.0 <= newest_s - self._said_s.get(track, -np.inf) < self._said_every_s:
+            return False
+        if len(self._said_s) > REMEMBERED:
+            self._said_s.clear()
+        self._said_s[track] = newest_s
+        return True
 
     def _lens_changed(self, camera: CameraIntake) -> None:
         if self.calibration.network is not None and self.calibration.network.camera(camera.id) is not None:
@@ -200,6 +215,9 @@ class Station:
 
     def _watch(self, now_unix_ns: int) -> None:
         self._restarts(now_unix_ns)
+        for camera in self.intake.cameras.values():
+            bound_s = UNDISCIPLINED_S if camera.clock_bound_s is None else max(camera.clock_bound_s, DISCIPLINED_S)
+            self.guard.clock_sigma_s[camera.id] = bound_s
         for finding in self.guard.findings(now_unix_ns):
             if finding.camera in self.calibration.trusted:
                 self._leave_out(finding.camera, finding.reason, finding.since_unix_ns)

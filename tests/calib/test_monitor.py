@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import calib.monitor
+from calib import testimony
 from calib.monitor import Guard
-from calib.testimony import Testimony, judge
+from calib.testimony import judge
 from tools.bench.station_guard import FAULTS, faulty_frames, watch
 from tools.bench.station_scenes import T0_UNIX_NS, Spec, frames, make
 
@@ -73,10 +74,11 @@ def test_a_stored_network_is_believed_only_if_rays_agree(right: bool) -> None:
 def test_noise_alone_is_never_guilty_and_a_knock_beyond_the_expected_always() -> None:
     rng = np.random.default_rng(1)
 
-    def heard(off: tuple[float, float], expected_px: float) -> list[Testimony]:
+    def heard(off: tuple[float, float], expected_px: float) -> list[testimony.Testimony]:
         velocity = rng.normal(0, 30, (20, 2))
         return [
-            Testimony(T0_UNIX_NS + k * 10**8, rng.normal(off, 1.0), velocity[k], 1.0, expected_px) for k in range(20)
+            testimony.Testimony(T0_UNIX_NS + k * 10**8, rng.normal(off, 1.0), velocity[k], 1.0, expected_px)
+            for k in range(20)
         ]
 
     now = T0_UNIX_NS + 2 * 10**9

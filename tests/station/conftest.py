@@ -52,12 +52,12 @@ class Fed:
             self.phases.append((at_s, phase))
 
     def errors_m(self, after_s: float = 0.0) -> np.ndarray:
-        """Distance of every target sent to the nearest true object."""
+        """Distance of every confirmed target sent to the nearest true object."""
         return np.array(
             [
                 np.linalg.norm(self.scene.positions(target.t_unix_ns) - target.position_enu, axis=1).min()
                 for at_s, target in self.sent
-                if at_s > after_s
+                if at_s > after_s and target.state == "confirmed"
             ]
         )
 

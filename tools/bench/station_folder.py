@@ -170,9 +170,8 @@ def main() -> None:
     if not len(live):
         print("nothing was sent")
         return
-    print(
-        f"first position {live[0, 0]:.1f} s after the first row; {len(live)} sent; median sigma {np.median(live[:, 4]):.2f} m"
-    )
+    sigma_m = np.median(live[:, 4])
+    print(f"first position {live[0, 0]:.1f} s after the first row; {len(live)} sent; median sigma {sigma_m:.2f} m")
     truth_file = options.folder / "truth.csv"
     if truth_file.exists():
         with truth_file.open() as stream:
