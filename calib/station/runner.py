@@ -25,7 +25,7 @@ from calib.station.config import BaseConfig
 from calib.station.core import Station, Tick
 from calib.station.mavlink import TrackerStatus
 from calib.station.memory import Keeper
-from calib.station.page.process import PageProcess
+from calib.station.page.process import REPORT_FOLDER, PageProcess
 from calib.station.page.wire import Wish
 from calib.station.positions import with_survey
 from calib.station.recording import Recorder
@@ -68,6 +68,7 @@ class Runner:
         self.recorder = self._recorder()
         self.records = self.recorder is not None
         stack.callback(self._finish_recording)
+        self.reports = folder / config.state_folder / REPORT_FOLDER
         self.worker = stack.enter_context(Worker(solver))
         signing = memory.signing_ticks
         self.broadcast = stack.enter_context(Broadcast(config, folder, memory.epoch, signing, self._record_mavlink))
@@ -221,6 +222,7 @@ class Runner:
         if network is not None:
             log.info("calibrated in %.1f s: network %s", done.seconds, network.fingerprint)
             self.keeper.store_network(network)
+            self.worker.report(self.reports)
 
     def _adopted(self, now_ns: int) -> None:
         """Another network is in force, or none: tell the ports its origin, and put all of it into the recording."""

@@ -15,7 +15,7 @@ import msgspec
 
 from calib.station.config import BaseConfig, StatusSection
 from calib.station.page.access import allowed, read_token
-from calib.station.page.process import PageProcess, available
+from calib.station.page.process import REPORT_FOLDER, PageProcess, available
 from calib.station.page.wire import Wish
 from calib.station.status import StationStatus, prometheus
 from edge.errors import ConfigError
@@ -36,7 +36,7 @@ def open_status(config: BaseConfig, folder: Path) -> "StatusServer | PageProcess
         folder,
         config.site.name,
         recordings=None if recordings is None else folder / recordings,
-        stale_s=config.tracking.stale_s,
+        report=folder / config.state_folder / REPORT_FOLDER / "report.html",
     )
 
 

@@ -15,8 +15,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
+from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Protocol, Self, runtime_checkable
 
 from calib.errors import CalibrationError, SkyfixError
 from calib.network import Network
@@ -74,6 +75,21 @@ class Done:
     seconds: float
 
 
+@runtime_checkable
+class Reporting(Protocol):
+    """A solver that can write down what it found last."""
+
+    def report(self, folder: Path) -> None:
+        """Write it into a folder. Raises OSError."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """A wish: the report on the job solved last, into this folder."""
+
+    folder: Path
+
+
 def _loaded(solver: Solver | str) -> Solver:
     if not isinstance(solver, str):
         return solver
@@ -88,9 +104,12 @@ def _serve(pipe: Connection, wanted: Solver | str) -> None:
     solver = _loaded(wanted)
     while True:
         try:
-            job: Job = pipe.recv()
+            job: Job | Report = pipe.recv()
         except EOFError:
             return
+        if isinstance(job, Report):
+            _report(solver, job.folder)
+            continue
         began = time.monotonic()
         solved, error = None, None
         try:
@@ -108,6 +127,15 @@ def _bug(bug: Exception) -> SkyfixError:
         where="solver",
         action="keep the recording and report it; the station tries again with more data",
     )
+
+
+def _report(solver: Solver, folder: Path) -> None:
+    if not isinstance(solver, Reporting):
+        return
+    try:
+        solver.report(folder)
+    except (OSError, SkyfixError) as error:
+        log.warning("no report: %s", error)
 
 
 def _send(pipe: Connection, job: Job) -> None:
@@ -154,6 +182,14 @@ class Worker:
         self._sender = threading.Thread(target=_send, args=(self._pipe, job), name="solver-send", daemon=True)
         self._sender.start()
         return True
+
+    def report(self, folder: Path) -> None:
+        """Have the report on the job solved last written; ask before the next job is given."""
+        if self._pipe is not None and not self.busy:
+            try:
+                self._pipe.send(Report(folder))
+            except OSError as error:  # the process died: the next job starts another
+                log.debug("no report: %s", error)
 
     def poll(self) -> Done | None:
         """The finished job, if it finished since the last call; a process that died has failed its job."""

@@ -323,6 +323,21 @@ def test_a_wrong_token_gets_nothing(guarded: str, chromium: Any) -> None:
     context.close()
 
 
+def test_the_report_of_an_accepted_calibration_is_served(open_page: Any, site: Site) -> None:
+    """The station calibrates by itself as soon as the flight allows; it had only a stored network before."""
+    deadline = time.monotonic() + 2 * STARTED_MS / 1000
+    while (answer := ask(site.url + "/report"))[0] == 404 and time.monotonic() < deadline:
+        time.sleep(1.0)
+    assert answer[0] == 200
+    assert b"What would improve it most" in answer[1]
+    page = open_page("/setup")
+    with page.context.expect_page() as opened:
+        page.get_by_role("link", name="Report on the last calibration").click()
+    opened.value.wait_for_load_state()
+    assert "Calibration of" in opened.value.title()
+    keep(opened.value, "report-live")
+
+
 def test_another_name_of_this_machine_gets_nothing(site: Site) -> None:
     """A web site that lets its own name point here (DNS rebinding) sends that name."""
     assert ask(site.url + "/status.json", Host="evil.example")[0] == 401

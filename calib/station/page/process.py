@@ -32,6 +32,7 @@ QUICK_S: Final = 0.25  # between two states while somebody looks
 AGAIN_S: Final = 5.0  # before a page that died is started again
 STOP_S: Final = 1.0
 LIBRARY: Final = "nicegui"
+REPORT_FOLDER: Final = "report"  # below the state folder: the report on the calibration in force
 
 
 def available() -> bool:
@@ -61,7 +62,7 @@ class PageProcess:
     """Serves the page, /status.json and /metrics from a process of its own."""
 
     def __init__(
-        self, options: StatusSection, folder: Path, site: str, *, recordings: Path | None, stale_s: float
+        self, options: StatusSection, folder: Path, site: str, *, recordings: Path | None, report: Path
     ) -> None:
         """Raises ConfigError if the address cannot be had or the token cannot be read."""
         assert options.port is not None
@@ -71,7 +72,7 @@ class PageProcess:
             token=token,
             recordings=None if recordings is None else str(recordings),
             tiles=None if options.tiles is None else str(folder / options.tiles),
-            stale_s=stale_s,
+            report=str(report),
         )
         self._listener = listen(options.host, options.port)
         self._process: subprocess.Popen[bytes] | None = None

@@ -138,6 +138,13 @@ def _routes(app: FastAPI, page: Page) -> None:
     def metrics() -> Response:
         return Response(page.live.metrics, media_type="text/plain; version=0.0.4")
 
+    @app.get("/report")
+    def report() -> Response:
+        file = Path(page.hello.report)
+        if not file.is_file():
+            raise HTTPException(404, "there is no report yet: it is written at the first calibration")
+        return Response(file.read_bytes(), media_type="text/html")
+
     @app.get("/preview/{camera}")
     def preview(camera: str) -> Response:
         found = page.live.previews.get(camera)
@@ -244,10 +251,16 @@ def _setup(page: Page) -> None:
     with ui.element("main"):
         _words(lambda: _if_known(page, words.step_list))
         _button("Calibrate now", lambda: page.wish(wire.Wish(do="calibrate")))
+        _words(lambda: _report_link(page))
         ui.html("<h2>Pairs of cameras</h2>", sanitize=False)
         _words(lambda: _if_known(page, lambda status: words.pair_matrix(status, page.live.focal_px())))
         ui.html("<h2>Checks</h2>", sanitize=False)
         _words(lambda: _if_known(page, words.check_table))
+
+
+def _report_link(page: Page) -> str:
+    known = Path(page.hello.report).is_file()
+    return '<p><a href="/report" target="_blank">Report on the last calibration</a></p>' if known else ""
 
 
 def _if_known(page: Page, render: Callable[[StationStatus], str]) -> str:

@@ -29,7 +29,7 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
     token: str
     recordings: str | None
     tiles: str | None
-    stale_s: float
+    report: str
 
 
 def open_pair() -> tuple[socket.socket, socket.socket]:
