@@ -5,10 +5,7 @@ Seeds are those that training never draws (tools/train/rendered.py). Every scene
 """
 
 import argparse
-import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import cv2
@@ -18,14 +15,11 @@ from edge.config import SHIPPED_MODEL
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from tools.render import CODEC
-from tools.rendering.footage import Label
 from tools.scoring.detections import Floats
-from tools.train.patches import Grey
-from tools.train.rendered import FIRST_TEST_SEED, LEAST_VISIBLE, scene, stacks
+from tools.train.rendered import FIRST_TEST_SEED, centred_crops
 
 WIDTHS_PX: Final = (3.0, 4.0, 6.0, 8.0, 16.0, 32.0)
 CROP_PX: Final = 64
-WANDER_PX: Final = 12.0  # a predicted track or a moving blob is not centred better than this
 SCORE: Final = 0.25  # the box's own threshold
 OTHER_PX: Final = 4.0  # at least: a detection further off is something else
 
@@ -54,41 +48,11 @@ class Tally:
         )
 
 
-def through_codec(images: list[Grey]) -> list[Grey]:
-    """The same images after being written and read as a video."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "scene.mp4")
-        writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*CODEC), 30.0, images[0].shape[1::-1])
-        for image in images:
-            writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
-        writer.release()
-        capture = cv2.VideoCapture(path)
-        read = [np.asarray(cv2.cvtColor(capture.read()[1], cv2.COLOR_BGR2GRAY), np.uint8) for _ in images]
-        capture.release()
-    return read
-
-
-def crops(seed: int, width_px: float, coded: bool) -> Iterator[tuple[Grey, Floats]]:
-    """Crops `(64, 64, 3)` of one scene, and where in them the object truly is."""
-    random = np.random.default_rng((seed, 9))
-    for stack, labels in stacks(scene(seed, width_px, "drone"), through_codec if coded else None):
-        for label in labels:
-            if label.visible >= LEAST_VISIBLE and _inside(label, stack):
-                corner = np.array(label.centre_px) - CROP_PX / 2 + random.uniform(-WANDER_PX, WANDER_PX, 2)
-                low = np.clip(corner, 0, np.array(stack.shape[1::-1]) - CROP_PX).astype(int)
-                yield stack[low[1] : low[1] + CROP_PX, low[0] : low[0] + CROP_PX], np.array(label.centre_px) - low
-
-
-def _inside(label: Label, stack: Grey) -> bool:
-    left, top, width, height = label.box_px
-    return left >= 0 and top >= 0 and left + width < stack.shape[1] and top + height < stack.shape[0]
-
-
 def measure(net: StackNet, width_px: float, scenes: int, coded: bool) -> Tally:
     """Everything about one width."""
     tally = Tally()
     for number in range(scenes):
-        for crop, centre in crops(FIRST_TEST_SEED + number, width_px, coded):
+        for crop, centre in centred_crops(FIRST_TEST_SEED + number, width_px, "drone", coded=coded, size_px=CROP_PX):
             found = net.run(np.ascontiguousarray(crop[None]), SCORE)[0]
             off = found.centre_px - centre
             near = np.hypot(off[:, 0], off[:, 1]) < max(OTHER_PX, width_px / 2)

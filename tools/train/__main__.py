@@ -32,6 +32,7 @@ from tools.train.yolo import all_classes, read_folder, read_names
 
 STEPS = 26000  # of 32 samples: 45 minutes on a quiet CPU; the losses still fall, but slowly
 SCENES = 120  # rendered: about 1700 patches and 1400 backgrounds, a fifth of what the clips give
+SIGMA_SCENES = 150  # rendered, for the calibration of sigma
 FIRST_SHARE = 0.3  # of the steps before backgrounds are weighed by how they fool the net
 
 
@@ -101,7 +102,7 @@ def run(options: argparse.Namespace) -> None:
         net.load_state_dict(scout.state_dict())
     rest = Schedule(options.steps - first, options.minutes * 60 * (1 - FIRST_SHARE), rate=options.rate)
     net = train(net, composer, rest, watch)
-    found = find_measured(net, Composer(material, options.seed + 1))
+    found = find_measured(net, Composer(material, options.seed + 1), SIGMA_SCENES)
     sigma = fit_sigma(found)
     before, after = found.normalised(SigmaFit()), found.normalised(sigma)
     log(

@@ -4,17 +4,20 @@ The same renderer makes the demo's videos and the scenes the model card measures
 seeds below FIRST_TEST_SEED, every measurement seeds from there on.
 """
 
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 import cv2
 import numpy as np
 
+from tools.render import CODEC
 from tools.rendering.footage import Label, footage
 from tools.scenes.description import Camera, Object, Simulation, Weather
 from tools.scenes.simulation import watch
 from tools.train.footage import PATCH_PX, Material
-from tools.train.patches import CLASSES, Box, Grey, Patch
+from tools.train.patches import CLASSES, Box, Floats, Grey, Patch
 
 FIRST_TEST_SEED: Final = 1_000_000
 SIZE_PX: Final = (640, 480)
@@ -23,6 +26,7 @@ DURATION_S: Final = 1.4
 LAGS: Final = (0, 3, 6)  # frames at 30 Hz: 100 and 200 ms
 EVERY: Final = 3  # frames between samples
 SPEED_RANGE_PX_S: Final = (5.0, 250.0)
+WANDER_PX: Final = 12.0  # a predicted track or a moving blob is not centred better than this
 LEAST_VISIBLE: Final = 0.6  # of an object behind leaves; less is not to be learned
 WIDTHS_M: Final = {"drone": 0.5, "bird": 0.9, "aeroplane": 12.0, "helicopter": 10.0}
 
@@ -74,6 +78,39 @@ def stacks(
     images = through(images) if through else images
     numbers = [k for k in range(max(LAGS), len(frames)) if frames[k].number % EVERY == 0]
     return [(np.stack([images[k - lag] for lag in LAGS], axis=2), frames[k].labels) for k in numbers]
+
+
+def through_codec(images: list[Grey]) -> list[Grey]:
+    """The same images after being written and read as a video by the codec of `tools/render`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "scene.mp4")
+        writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*CODEC), 30.0, images[0].shape[1::-1])
+        for image in images:
+            writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+        writer.release()
+        capture = cv2.VideoCapture(path)
+        read = [np.asarray(cv2.cvtColor(capture.read()[1], cv2.COLOR_BGR2GRAY), np.uint8) for _ in images]
+        capture.release()
+    return read
+
+
+def centred_crops(seed: int, width_px: float, kind: str, *, coded: bool, size_px: int) -> list[tuple[Grey, Floats]]:
+    """Square crops of one scene, and where in each the object is `(2,)` px: WANDER_PX or less off the middle."""
+    random = np.random.default_rng((seed, 9))
+    found = []
+    for stack, labels in stacks(scene(seed, width_px, kind), through_codec if coded else None):
+        for label in labels:
+            if label.visible >= LEAST_VISIBLE and _whole_in(label, stack):
+                corner = np.array(label.centre_px) - size_px / 2 + random.uniform(-WANDER_PX, WANDER_PX, 2)
+                low = np.clip(corner, 0, np.array(stack.shape[1::-1]) - size_px).astype(int)
+                crop = stack[low[1] : low[1] + size_px, low[0] : low[0] + size_px]
+                found.append((crop, np.asarray(np.array(label.centre_px) - low, np.float32)))
+    return found
+
+
+def _whole_in(label: Label, stack: Grey) -> bool:
+    left, top, width, height = label.box_px
+    return left >= 0 and top >= 0 and left + width < stack.shape[1] and top + height < stack.shape[0]
 
 
 def render_material(count: int, random: np.random.Generator) -> Material:
