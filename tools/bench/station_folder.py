@@ -175,9 +175,10 @@ def main() -> None:
     truth_file = options.folder / "truth.csv"
     if truth_file.exists():
         with truth_file.open() as stream:
-            truth = np.array([[float(x) for x in row[:4]] for row in list(csv.reader(stream))[1:]])
-        for name, rows in (("all", live), ("seen by 2 or more", live[live[:, 5] >= 2])):
-            rmse, shift, turn = yaw_aligned(rows[:: max(1, len(rows) // 4000)], truth)
+            rows = [row for row in csv.reader(stream) if row and row[0][:1].lstrip("-").isdigit()]
+        truth = np.array([[float(cell) for cell in row[:4]] for row in rows])
+        for name, sent in (("all", live), ("seen by 2 or more", live[live[:, 5] >= 2])):
+            rmse, shift, turn = yaw_aligned(sent[:: max(1, len(sent) // 4000)], truth)
             print(f"{name}: yaw-aligned RMSE {rmse:.3f} m (clock {shift:.2f} s, yaw {turn:.2f} deg)")
 
 
