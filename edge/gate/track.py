@@ -39,7 +39,9 @@ class Track:
     var_speed: float = field(init=False)
     confirmed: bool = False
     best_score: float = 0.0
+    reach_px: float = 0.0
     born_unix_ns: int = field(init=False)
+    birth_px: tuple[float, float] = field(init=False)
     places: deque[Row] = field(default_factory=deque)
     waiting: list[Row] = field(default_factory=list)
     votes: list[float] = field(default_factory=list)
@@ -47,6 +49,7 @@ class Track:
     def __post_init__(self) -> None:
         self.u, self.v, self.t_unix_ns = self.last.u_px, self.last.v_px, self.last.t_unix_ns
         self.born_unix_ns = self.last.t_unix_ns
+        self.birth_px = (self.u, self.v)
         self.var = (self.last.sigma_px or SIGMA_UNKNOWN_PX) ** 2
         self.var_speed = self.speed_sigma_px_s**2
         self._remember(self.last)
@@ -80,6 +83,7 @@ class Track:
     def _remember(self, row: Row) -> None:
         self.last = row
         self.best_score = max(self.best_score, row.score)
+        self.reach_px = max(self.reach_px, math.hypot(row.u_px - self.birth_px[0], row.v_px - self.birth_px[1]))
         self.places.append(row)
         while self.places[0].t_unix_ns < row.t_unix_ns - HISTORY_S * 1e9:
             self.places.popleft()

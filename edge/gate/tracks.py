@@ -30,6 +30,7 @@ STEP_SHARE: Final = 0.4  # of the net movement: the most that one step may be, o
 ROUGH_SIGMAS: Final = 1.5  # of the detector's own sigma
 ROUGH_SHARE: Final = 0.04  # of the net movement
 CLUTTER_FACTOR: Final = 4.0  # in a wholly cluttered place a track must move so many times further, and once more
+FLOWN: Final = 4.0  # times moved_min_px from where it began: what went so far once may hover, what did not may not
 CLUTTERED: Final = 0.3  # level of a place in which a believed track may not rest
 WAITING_S: Final = 1.0  # how much of its unbelieved past a track gives when it is believed
 SIZE_RATIO_MAX: Final = 3.0  # a box three times as large is another object
@@ -157,12 +158,14 @@ class TrackGate:
         self._tracks = kept
 
     def _is_clutter(self, track: Track) -> bool:
-        """An old track that is not believed, or that came to rest where others were found to be clutter."""
+        """An old track that is not believed, or that came to rest without having flown far, or among clutter."""
         if not track.confirmed:
             return True
-        if self._clutter.level(track.last.u_px, track.last.v_px) < CLUTTERED:
-            return False
-        return track.moved_px(track.places[0].t_unix_ns) < self._config.moved_min_px * (1 + CLUTTER_FACTOR)
+        moved_px, least_px = track.moved_px(track.places[0].t_unix_ns), self._config.moved_min_px
+        if track.reach_px < FLOWN * least_px and moved_px < least_px:
+            return True
+        cluttered = self._clutter.level(track.last.u_px, track.last.v_px) >= CLUTTERED
+        return cluttered and moved_px < least_px * (1 + CLUTTER_FACTOR)
 
     def expected(self, t_unix_ns: int) -> Array:
         """Where the tracks should be: believed ones, then those seen twice, of the cluttered ones only a few."""
