@@ -19,7 +19,8 @@ from edge.lens import Array, LensModel, pixel_to_ray
 LONGEST_BRIDGE_S: Final = 0.25  # a track is read between two of its rows no further apart: a UAV turns in longer
 MEDIAN_OF: Final = 9  # rows: four outliers among them do not move the median
 LEAST_JUMP_RAY: Final = 0.01  # ray units: what a fast object or a coarse camera moves between rows is no outlier
-JUMP_SPREADS: Final = 9.0  # times the median deviation from the neighbours: 6 sigma
+JUMP_PACES: Final = 9.0  # times what it moves between rows: twice what a turn within the nine can look like
+SOUND_WINDOWS: Final = 0.8  # of nines, in which outliers are no majority even where three rows of ten are
 SLOW_CAMERA: Final = 2.5  # times its own interval a camera of few frames a second may miss
 SHORTEST_TRACK: Final = 10  # rows: fewer say nothing of a path
 MOST_TRACKS: Final = 40  # the longest are kept: every pair of two cameras' tracks is tried
@@ -79,9 +80,11 @@ def _on_a_path(rays: Array) -> NDArray[np.bool_]:
     padded = np.pad(rays, ((MEDIAN_OF // 2, MEDIAN_OF // 2), (0, 0)), mode="edge")
     around = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_OF, axis=0)
     middle = np.median(around, axis=2)
-    off = np.abs(rays - middle).max(axis=1)
-    # The track's own spread, not the window's: where three of nine rows are outliers, theirs would be allowed.
-    near: NDArray[np.bool_] = off <= max(LEAST_JUMP_RAY, JUMP_SPREADS * float(np.median(off)))
+    off = np.abs(around - middle[:, :, None]).max(axis=1)
+    # What the third nearest of nine is off by: how fast it moves there, unless the window is full of outliers.
+    pace = np.sort(off, axis=1)[:, 2]
+    allowed = np.maximum(LEAST_JUMP_RAY, JUMP_PACES * np.minimum(pace, np.quantile(pace, SOUND_WINDOWS)))
+    near: NDArray[np.bool_] = np.abs(rays - middle).max(axis=1) <= allowed
     return near
 
 
