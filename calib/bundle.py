@@ -52,8 +52,8 @@ class Problem:
 
     @property
     def interval_s(self) -> Array:
-        """(C,) time between a camera's rows."""
-        return np.array([np.median(np.diff(seen.t_s)) for seen in self.data], float)
+        """(C,) time between a camera's frames, whatever number of objects they show."""
+        return np.array([np.median(np.diff(np.unique(seen.t_s))) for seen in self.data], float)
 
 
 @dataclass(frozen=True)
