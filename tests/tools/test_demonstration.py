@@ -77,7 +77,7 @@ def test_configurations_are_accepted_by_the_programs(tmp_path: Path) -> None:
         inputs = site.Inputs(Path("/videos/a.mp4"), "/dev/pts/9", START)
         box = settings.parse(site.box(scene.name, camera, inputs, PORTS), box_config.BoxConfig, where="box")
         assert box.camera[0].source.t0_unix_ns == START + round(camera.phase_s * 1e9)
-        assert box_config.load_lens(box.camera[0], tmp_path).intrinsics == camera.intrinsics
+        assert box_config.load_lens(box.camera[0], tmp_path).intrinsics == camera.published_intrinsics
     base = base_config.checked(settings.parse(site.base(scene, PORTS), base_config.BaseConfig, where="base"), tmp_path)
     assert [camera.id for camera in base.camera] == ["cam0", "cam1", "cam2"]
 

@@ -70,7 +70,9 @@ def _frame(axes: Any, image: Image, detection: Detection, name: str) -> None:
     axes.imshow(image)
     u, v = detection.u_px, detection.v_px
     axes.plot(u, v, "o", mfc="none", mec=SIGNAL, ms=14, mew=1.5)
-    corner = axes.inset_axes((0.68, 0.62, 0.31, 0.37))
+    # On the side where the object is not.
+    left = 0.01 if u > image.shape[1] / 2 else 0.68
+    corner = axes.inset_axes((left, 0.62, 0.31, 0.37))
     corner.imshow(image, interpolation="nearest")
     corner.set(xlim=(u - CROP_PX, u + CROP_PX), ylim=(v + CROP_PX * 0.7, v - CROP_PX * 0.7), xticks=[], yticks=[])
     for side in corner.spines.values():

@@ -13,6 +13,7 @@ from tools.demonstration.receivers import UNDULATION_M
 from tools.scenes.description import Camera, Simulation
 
 ANTENNA_ABOVE_LENS_M: Final = 0.12  # on the tripod's head
+FOCAL_SIGMA_PX: Final = 1.5  # what `edge-node lens` says after an ordinary session with a chessboard
 RESOLVE_S: Final = 15.0
 CLOCK_BOUND_S: Final = 0.001  # one computer, one clock: nothing else keeps it apart
 
@@ -51,6 +52,8 @@ class Inputs:
 def box(name: str, camera: Camera, inputs: Inputs, ports: Ports) -> str:
     """edge.toml of one tripod of the site `name`; its video begins at the scene's start plus the camera's phase."""
     first_frame_unix_ns = inputs.start_unix_ns + round(camera.phase_s * 1e9)
+    # A camera hands a frame over when its last row has been read, not when its first is exposed.
+    delivery_ns = round((camera.exposure_s / 2 + camera.readout_s) * 1e9)
     config: dict[str, Any] = {
         "site": name,
         "camera": [
@@ -61,13 +64,14 @@ def box(name: str, camera: Camera, inputs: Inputs, ports: Ports) -> str:
                     "path": str(inputs.video),
                     "realtime": True,
                     "t0_unix_ns": first_frame_unix_ns,
-                    "start_at_unix_ns": first_frame_unix_ns,
+                    "start_at_unix_ns": first_frame_unix_ns + delivery_ns,
                 },
                 "lens": {
                     "model": camera.lens,
                     "intrinsics": list(camera.published_intrinsics or camera.intrinsics),
                     "distortion": list(camera.published_distortion or camera.distortion),
                     "size_px": list(camera.size_px),
+                    "focal_sigma_px": FOCAL_SIGMA_PX,
                 },
             }
         ],
