@@ -25,6 +25,7 @@ from edge.link import Link
 from edge.link_health import check_security
 from edge.messages import HealthLevel, station_key
 from edge.pipeline import CameraFacts, Pipeline, total_bound_s
+from edge.temperature import check_temperature
 
 TRIED_FRAMES: Final = 10
 RECEIVER_S: Final = 5.0  # a receiver speaks once a second
@@ -41,6 +42,7 @@ def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
     yield Check("configuration", "ok", f"{config_file}: {len(config.camera)} cameras at site {config.site}")
     clock = ClockMonitor(config.clock)
     yield check_clock(clock.state(), config.clock.limit_s)
+    yield from check_temperature()
     for camera in config.camera:
         yield from check_camera(config, camera, config_file, clock)
     if config.gnss:

@@ -23,6 +23,8 @@ from edge.link_health import LinkHealth
 from edge.messages import Tracks, camera_key, encode
 from edge.spool import Spool, SpoolSettings
 from edge.systemd_notify import Notifier
+from edge.temperature import check_temperature
+from edge.thumbnail import focus_score, thumbnail
 
 log = logging.getLogger(__name__)
 
@@ -113,14 +115,24 @@ class Node:
         for worker in self.workers:
             camera = worker.camera.id
             health = self._boards[camera].update(
-                now_unix_ns, [*worker.checks(), *shared, *self._check_spool(camera)], self._counters(worker)
+                now_unix_ns,
+                [*worker.checks(), *self._picture(worker), *shared, *self._check_spool(camera)],
+                self._counters(worker),
             )
             self._link.publish(camera_key(self._config.site, camera, "health"), health)
             if fix is not None:
                 self._link.set_state(camera_key(self._config.site, camera, "fix"), fix)
 
+    def _picture(self, worker: CameraWorker) -> list[Check]:
+        """Show the operator what the camera sees, and how sharp it is."""
+        if worker.pipeline.latest is None:
+            return []
+        image = worker.pipeline.latest[0].image
+        self._link.publish_bytes(camera_key(self._config.site, worker.camera.id, "preview"), thumbnail(image))
+        return [Check("focus", "ok", f"{focus_score(image):.0f}")]
+
     def _shared_checks(self) -> list[Check]:
-        checks = [check_clock(self._clock.state(), self._config.clock.limit_s)]
+        checks = [check_clock(self._clock.state(), self._config.clock.limit_s), *check_temperature()]
         if self._receiver:
             status = self._receiver.status()
             checks.append(Check("gnss", status.level, status.reason, status.action))

@@ -33,7 +33,7 @@ from calib.station.snapshot import snapshot
 from calib.station.status_server import StatusServer, open_status
 from calib.station.worker import LIVE, Done, Solver, Worker
 from edge.health import Check
-from edge.inbox import Received
+from edge.inbox import Inbox, Received
 from edge.link import Link
 from edge.link_health import LinkHealth
 from edge.messages import HealthLevel, camera_key, camera_of_key, encode, station_key
@@ -41,6 +41,7 @@ from edge.messages import HealthLevel, camera_key, camera_of_key, encode, statio
 log = logging.getLogger(__name__)
 
 WAIT_S: Final = 0.02  # the longest the loop sleeps
+PICTURES: Final = 64  # waiting: one of each of twice as many cameras as there may be
 QUEUE: Final = 4096  # messages waiting: more than a second of 100 cameras
 LATENCIES: Final = 2000  # messages looked back on for latency
 SYNCED_S: Final = 0.02  # a clock bound good enough to be called synchronised: 0.4 m at 20 m/s
@@ -86,6 +87,7 @@ class Runner:
         self.began_ns = self.now_ns()
         self.turns = 0
         self._in_force: Network | None = None
+        self._pictures: Inbox[Received] | None = None
         self._errors: dict[str, int] = {}
         self.latencies_ms: deque[float] = deque(maxlen=LATENCIES)
         self.exposures_ms: deque[float] = deque(maxlen=LATENCIES)
@@ -144,6 +146,10 @@ class Runner:
         return tick.slow
 
     def _attend_page(self, now_ns: int) -> None:
+        if self._pictures is None and self.status.watched:  # before that, no box sends any
+            self._pictures = self.link.subscribe(camera_key(self.config.site.name, "*", "preview"), PICTURES)
+        for picture in self._pictures.drain() if self._pictures is not None else ():
+            self.status.feed(f"preview/{camera_of_key(picture.key)}", picture.payload)
         for wish in self.status.wishes():
             self._grant(wish)
         if self.station.health is not None and self.status.due():

@@ -87,6 +87,11 @@ class StatusServer:
 
     # What only the page needs
 
+    @property
+    def watched(self) -> bool:
+        """Nobody looks."""
+        return False
+
     def due(self) -> bool:
         """Nobody looks."""
         return False

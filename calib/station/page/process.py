@@ -104,6 +104,11 @@ class PageProcess:
 
     # What the station gives
 
+    @property
+    def watched(self) -> bool:
+        """Whether somebody has looked."""
+        return self._feed is not None
+
     def due(self) -> bool:
         """Whether somebody looks who should be shown a new state now. Call it often; it costs nothing."""
         return self._feed is not None and time.monotonic() - self._shown_s >= QUICK_S

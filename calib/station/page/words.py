@@ -106,15 +106,18 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
     """What is known of a camera, beside its picture."""
     level = "fail" if not camera.online else "warn" if camera.suspect or camera.muted else "ok"
     state = "silent" if not camera.online else "muted" if camera.muted else "left out" if camera.suspect else "sees"
+    if level == "ok" and health is not None and health.level != "ok":
+        level, state = "warn", "sees, but"
     told = {} if health is None else health.counters
+    items = {} if health is None else {item.name: item.reason for item in health.items}
     facts = {
         "last frame": "never" if camera.last_frame_s is None else f"{camera.last_frame_s:.1f} s ago",
         "clock": "unknown" if camera.clock_bound_s is None else f"within {1e3 * camera.clock_bound_s:.2g} ms",
         "objects a frame": f"{camera.detections_per_frame:.1f}",
         "frames lost": f"{camera.missed}",
-        "focus": _counter(told, "focus", "{:.0f}"),
-        "temperature": _counter(told, "temperature_c", "{:.0f} °C"),
-        "frames dropped on the box": _counter(told, "frames_dropped", "{:.0f}"),
+        "focus (higher is sharper)": items.get("focus", "not told"),
+        "temperature": items.get("temperature", "not told"),
+        "dropped on the box": _counter(told, "frames_dropped", "{:.0f}"),
     }
     reason = camera.suspect or camera.reason
     own = "" if health is None else _items(health)
