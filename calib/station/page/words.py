@@ -120,6 +120,8 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
         "dropped on the box": _counter(told, "frames_dropped", "{:.0f}"),
     }
     reason = camera.suspect or camera.reason
+    if not camera.online and camera.last_frame_s is not None:  # the station's own reason is up to a second older
+        reason = f"last frame {camera.last_frame_s:.0f} s ago"
     own = "" if health is None else _items(health)
     lines = "".join(f"<div><dt>{name}</dt><dd>{escape(value)}</dd></div>" for name, value in facts.items())
     return (
