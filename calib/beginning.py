@@ -26,13 +26,15 @@ UNCHANGED: Final = Similarity(1.0, np.eye(3), np.zeros(3))
 class Beginning:
     """cameras in their frame; objects: which track shows which; disbelieved: whose position is not used, and why.
 
-    gauge: for a local frame, the two cameras that hold it (the first's pose, the direction and length to the second).
+    shares: of each camera's rows that its first pose explains. gauge: for a local frame, the two cameras that hold it
+    (the first's pose, the direction and length to the second).
     """
 
     cameras: tuple[Camera, ...]
     objects: dict[Key, int]
     disbelieved: dict[str, str] = field(default_factory=dict)
     gauge: tuple[str, str] | None = None
+    shares: dict[str, float] = field(default_factory=dict)
 
 
 def from_scaffold(material: Material, *, local: bool, clock_search_s: float = NEAR_S) -> Beginning:
@@ -44,11 +46,12 @@ def from_scaffold(material: Material, *, local: bool, clock_search_s: float = NE
     scaffold = build(material.tracks, offsets)
     objects = _objects(material, offsets, scaffold.poses)
     frame = Georeference(UNCHANGED) if local else georeference(scaffold.poses, material.sites)
+    shares = {name: pose.share for name, pose in scaffold.poses.items()}
     cameras = tuple(
         to_enu(scaffold.poses[name], material.sites[name], frame.similarity, offsets[name])
         for name in sorted(scaffold.poses)
     )
-    return Beginning(cameras, objects, frame.disbelieved, scaffold.pair if local else None)
+    return Beginning(cameras, objects, frame.disbelieved, scaffold.pair if local else None, shares)
 
 
 def from_network(material: Material, start: Network) -> Beginning:

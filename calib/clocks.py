@@ -23,6 +23,7 @@ NEAR_S: Final = 3.0  # clocks that were set at all agree to this
 FAR_S: Final = 120.0  # clocks that were set by hand
 LONGEST_PAIRS: Final = 6  # combinations of two cameras' longest tracks that are tried
 CONVINCING: Final = 1.5  # log ratio of misfit a row, against the typical offset, that no chance alignment reaches
+CONVINCING_FAR: Final = 3.0  # the same for an offset that only a far search finds: forty times as many chances
 SMALLEST_MISFIT: Final = 1e-24  # keeps the logarithm finite for noiseless tracks
 
 
@@ -114,7 +115,7 @@ def align_all(
         both = one in trusted and two in trusted
         if alignment and both and alignment.gain - alignment.gain_as_stamped < CONVINCING:
             edges.append((np.inf, one, two, 0.0))
-        elif alignment and alignment.gain > CONVINCING:
+        elif alignment and alignment.gain > (CONVINCING if abs(alignment.offset_s) <= NEAR_S else CONVINCING_FAR):
             edges.append((alignment.score, one, two, alignment.offset_s))
     offsets = _spanned(names, sorted(edges, key=lambda edge: -edge[0]))
     right = [offsets[name] for name in sorted(trusted) if name in offsets]

@@ -7,9 +7,11 @@ import numpy as np
 
 from calib.errors import CalibrationError
 from calib.observations import Scene, SiteCamera
-from calib.series import Track, split_tracks
+from calib.series import Track, noise_ray, split_tracks
 from edge.lens import LensModel
 
+STANDING_RAY: Final = 2e-3  # ray units over a whole track: 0.2 m at 100 m, what a lamp does in the wind
+STANDING_SIGMAS: Final = 10.0  # times the track's own noise
 FEWEST_ROWS: Final = 30  # of a camera: below it there is nothing to align
 
 
@@ -46,4 +48,13 @@ def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] |
     split = {name: split_tracks(own, (lenses or {}).get(name, sites[name].lens), t_mid) for name, own in seen.items()}
     for name in [name for name, own in split.items() if not own]:
         left_out[name] = "no track of ten rows lies within its lens model: check its lens file and resolution"
-    return Material(scene, t_mid, sites, {name: own for name, own in split.items() if own}, left_out)
+    moving = {name: [track for track in own if _moves(track)] for name, own in split.items() if own}
+    for name in [name for name, own in moving.items() if not own]:
+        left_out[name] = "what it follows does not move: look for a lamp, a dead pixel or a stopped detector"
+    return Material(scene, t_mid, sites, {name: own for name, own in moving.items() if own}, left_out)
+
+
+def _moves(track: Track) -> bool:
+    """Whether a track goes anywhere: one that stands still fits every geometry and every clock."""
+    low, high = np.percentile(track.rays, [5, 95], axis=0)
+    return bool(np.hypot(*(high - low)) > max(STANDING_RAY, STANDING_SIGMAS * noise_ray([track])))

@@ -29,6 +29,7 @@ FIRST_SIGMA_RAY: Final = 0.005  # what a first estimate is good for, in ray unit
 FEWEST_INLIERS: Final = 0.5  # share of a camera's rows within its noise: half clutter is no camera
 COARSEST: Final = 8.0  # times the other cameras' noise, in ray units: a lens or a clock that no refinement mends
 SURE: Final = 1e-4  # chance of a good survey looking so wrong, below which a position is taken out and not only named
+FEWEST_LEFT: Final = 3  # cameras: fewer would hang on the survey of two
 GAUGE_SIGMA: Final = 1e-6  # baselines: holds a local frame without counting as knowledge
 
 
@@ -57,7 +58,15 @@ def refine(material: Material, beginning: Beginning, knots_s: float, weights: We
             continue
         if weights is None or len(weights.sigma_px) != len(estimate.cameras):
             weights = _first_weights(problem, estimate)
-        adjusted = adjust(problem, estimate, weights)
+        try:
+            adjusted = adjust(problem, estimate, weights)
+        except CalibrationError:
+            doubtful = _most_doubtful(beginning)
+            if doubtful is None:
+                raise
+            left_out[doubtful] = "with it nothing can be determined: check its lens file, its clock and its frames"
+            beginning, weights = _without(beginning, beginning.cameras, doubtful), None
+            continue
         outcast = _outcast(adjusted, problem)
         if outcast:
             left_out[outcast[0]] = outcast[1]
@@ -68,6 +77,14 @@ def refine(material: Material, beginning: Beginning, knots_s: float, weights: We
             weights = adjusted.weights
         else:
             return Refined(adjusted, problem, beginning, left_out)
+
+
+def _most_doubtful(beginning: Beginning) -> str | None:
+    """The camera whose first pose explained least, if it is worse than the others and three are left without it."""
+    shares = {camera.id: beginning.shares.get(camera.id, 1.0) for camera in beginning.cameras}
+    worst = min(sorted(shares), key=lambda name: shares[name])
+    enough = len(shares) > FEWEST_LEFT and worst not in (beginning.gauge or ())
+    return worst if enough and shares[worst] < float(np.median(list(shares.values()))) else None
 
 
 def _problem(material: Material, beginning: Beginning, knots_s: float) -> tuple[Problem, Estimate]:

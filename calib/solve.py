@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.beginning import from_network, from_scaffold
 from calib.clocks import NEAR_S
+from calib.errors import CalibrationError
 from calib.evidence import gather
 from calib.findings import findings
 from calib.material import Material, prepare
@@ -22,6 +23,7 @@ from calib.rejoin import rejoin
 from calib.solution import (
     Report,
     Solution,
+    Trajectory,
     camera_reports,
     network_of,
     rms_px,
@@ -31,6 +33,9 @@ from calib.solution import (
 from calib.uncertainty import camera_covariance
 
 KNOTS_S: Final = 0.5  # between knots: a UAV's acceleration changes in about that time
+
+ABSURD_SHARE: Final = 0.3  # of the distance, one sigma: a solution that open is none
+FLY_WIDER: Final = "fly a path with more width and height that at least three cameras see together"
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,23 @@ def _answer(material: Material, refined: Refined, options: SolveOptions) -> Solu
     adjusted, problem, scene = refined.adjusted, refined.problem, material.scene
     network = network_of(adjusted, problem, scene.site, scene.origin, material.t_mid_unix_ns)
     trajectory = trajectory_of(adjusted, problem, material.t_mid_unix_ns)
+    _refuse_absurd(network, trajectory)
     return Solution(network, trajectory, _report(material, refined, evidence=options.evidence))
+
+
+def _refuse_absurd(network: Network, trajectory: Trajectory) -> None:
+    """Raises CalibrationError for a network that says itself that it knows nothing."""
+    if len(trajectory.points_enu) == 0:
+        raise CalibrationError("no two cameras see the object at once", where=network.site, action=FLY_WIDER)
+    sigma = np.sqrt(np.trace(trajectory.covariance_enu, axis1=1, axis2=2))
+    middle = np.mean([camera.centre_enu for camera in network.cameras], axis=0)
+    share = float(np.median(sigma / np.linalg.norm(trajectory.points_enu - middle, axis=1)))
+    if not share < ABSURD_SHARE:
+        raise CalibrationError(
+            f"the flight does not determine the network: positions are open by {100 * share:.0f} % of the distance",
+            where=network.site,
+            action=FLY_WIDER,
+        )
 
 
 def _report(material: Material, refined: Refined, *, evidence: bool) -> Report:
