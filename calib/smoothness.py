@@ -2,7 +2,7 @@
 
 The hazard is scale. A smaller flight has less jerk, so a smoothness that counts metres pulls the whole network
 together, against a survey that may be weak or, in a local frame, absent. The cost is therefore taken relative to the
-flight's own size about the cameras: shrinking everything together gains nothing.
+flight's own size about its own middle: shrinking or shifting everything together gains nothing.
 """
 
 from dataclasses import dataclass
@@ -17,22 +17,20 @@ from edge.lens import Array
 
 @dataclass(frozen=True)
 class Smoothness:
-    """weight: of a squared jerk integrated over time, for a flight of the size it was made at. anchor: (3,) the middle
-    of the cameras; square_reach: sum of the squared distances of the control points from it, then.
+    """weight: of a squared jerk integrated over time, for a flight of the size it was made at. square_reach: sum of
+    the squared distances of the control points from their mean, then.
     """
 
     weight: float
-    anchor: Array
     square_reach: float
 
     @classmethod
     def at(cls, estimate: Estimate, weight: float) -> "Smoothness":
         """The prior whose weight holds for flights of this estimate's size."""
-        anchor = np.mean([camera.centre_enu for camera in estimate.cameras], axis=0)
-        return cls(weight, anchor, float(((estimate.control - anchor) ** 2).sum()))
+        return cls(weight, float((_about_middle(estimate) ** 2).sum()))
 
     def _share(self, estimate: Estimate) -> tuple[Array, float]:
-        away = estimate.control - self.anchor
+        away = _about_middle(estimate)
         return away, self.square_reach / float((away**2).sum())
 
     def cost(self, estimate: Estimate) -> float:
@@ -54,3 +52,9 @@ class Smoothness:
                 np.add.at(normal.block[k], first + i, value * np.eye(3))
         # The derivative of the share: what growing would gain is what the jerk then costs more.
         normal.right_control += self.cost(estimate) * away / float((away**2).sum())
+
+
+def _about_middle(estimate: Estimate) -> Array:
+    """(M, 3) control points from their mean: about any fixed point a flight would gain by moving away from it."""
+    away: Array = estimate.control - estimate.control.mean(0)
+    return away
