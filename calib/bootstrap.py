@@ -104,8 +104,8 @@ def _without_wrong(names: list[str], source: Array, target: Array, misfit: float
     if without <= CURE * misfit and len(names) >= 4:
         keep = np.arange(len(names)) != index
         finding = (
-            f"the position of {names[index]} looks wrong by {off:.1f} m: without it the survey misses the cameras by "
-            f"{without:.1f} m instead of {misfit:.1f} m; it was not used"
+            f"the position of {names[index]} looks wrong by {off:.1f} m, or its lens file is another camera's: without "
+            f"it the survey misses the cameras by {without:.1f} m instead of {misfit:.1f} m; it was not used"
         )
         return Georeference(fit_similarity(source[keep], target[keep]).similarity, {names[index]: finding})
     return None
