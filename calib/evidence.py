@@ -89,9 +89,7 @@ def gather(adjusted: Adjusted, problem: Problem, covariance: Array) -> Evidence:
             adjusted.projected, problem.data, adjusted.estimate.cameras, adjusted.weights.sigma_px, strict=True
         )
     )
-    return Evidence(
-        places, _held_out(adjusted, problem, near), shared, survey_check(adjusted, problem), covariance
-    )
+    return Evidence(places, _held_out(adjusted, problem, near), shared, survey_check(adjusted, problem), covariance)
 
 
 def _near(adjusted: Adjusted, problem: Problem) -> list[list[NDArray[np.bool_]]]:
