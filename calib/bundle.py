@@ -26,7 +26,7 @@ LAST_ROUNDS: Final = 3  # with all rows, once a part of them is settled
 COARSE_ROWS: Final = 8000  # enough for a hundred unknowns at any correlation
 FEWEST_KEPT: Final = 100  # of each camera's rows, however many the others have
 STEPS: Final = 8  # of Gauss-Newton between two rounds
-SETTLED: Final = 1e-3  # relative change of the cost below which a round is done
+SETTLED: Final = 0.03  # squared sigmas: a step that gains less moves nothing by more than a sixth of its sigma
 WORST_SIGMAS: Final = 30.0  # what an observation without an image costs
 HARDEST_DAMPING: Final = 1e6
 
@@ -176,7 +176,7 @@ def _descend(point: _Point) -> _Point:
                 return point
         gain, cost, point = cost - trial_cost, trial_cost, trial
         damping = damping / 10 if damping > 1e-6 else 0.0
-        if gain < SETTLED * cost:
+        if gain < SETTLED:
             break
     return point
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.noise import CORE, OF_NORMAL, SMALLEST_SIGMA_PX, mean_square_px, robust_cost, robust_weight
+from calib.noise import CORE, SMALLEST_SIGMA_PX, mean_square_px, robust_cost, robust_weight
 
 
 @given(length=st.floats(0.01, 1e4))

@@ -1,6 +1,7 @@
 """A replay is the cameras for all a station can tell: same keys, same stamps, same silence."""
 
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -124,9 +125,9 @@ def test_the_pace_is_the_original_times_the_speed(endpoint: str) -> None:
     )
     messages = [Said(10**18 + k * NS // 2, "cam0", "health", frame) for k in range(5)]
     with Link(LinkSettings(listen=(endpoint,)), name="nobody") as link:
-        began = np.datetime64("now", "us").astype(int)
+        began = time.monotonic()
         said, behind_s = program.play(link, "hill", messages, 4.0, threading.Event())
-        took_s = (np.datetime64("now", "us").astype(int) - began) * 1e-6
+        took_s = time.monotonic() - began
     assert said["cam0 health"] == 5
     assert 0.45 < took_s < 2.0 + behind_s
 
