@@ -4,12 +4,12 @@ import time
 
 import numpy as np
 import pytest
-from tools.bench.rtsp_camera import RtspCamera
 
 from edge.capture.frame import Frame
 from edge.capture.live import RtspStream, open_rtsp
 from edge.capture.reader import Reader
 from edge.errors import SourceError
+from tools.bench.rtsp_camera import RtspCamera
 
 
 def numbered(k: int) -> np.ndarray:
