@@ -71,7 +71,7 @@ def to_json(summary: Summary) -> bytes:
 def _plain(value: object) -> object:
     if isinstance(value, np.generic):
         return value.item()
-    raise NotImplementedError(f"{type(value)} in a report")
+    raise TypeError(f"{type(value)} in a report")
 
 
 def to_html(solution: Solution, summary: Summary) -> str:
