@@ -5,9 +5,6 @@ adjustment, its residuals and the cameras' own survey decide what becomes of it.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Final
-
-import numpy as np
 
 from calib.bootstrap import Georeference, georeference, to_enu
 from calib.clocks import FAR_S, NEAR_S, align_all
@@ -17,9 +14,7 @@ from calib.material import Material
 from calib.network import Camera, Network
 from calib.priors import trusted_clocks
 from calib.scaffold import Pose, build, threshold_ray
-from calib.similarity import Similarity
-
-UNCHANGED: Final = Similarity(1.0, np.eye(3), np.zeros(3))
+from calib.similarity import UNCHANGED
 
 
 @dataclass(frozen=True)

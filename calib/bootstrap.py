@@ -20,7 +20,7 @@ from calib.observations import Observations, Scene, SiteCamera
 from calib.priors import READOUT_S
 from calib.projection import CameraData, site_time_s
 from calib.scaffold import Pose
-from calib.series import Track
+from calib.series import Track, gap_to_nearest_s
 from calib.similarity import Similarity, best_swap, fit_similarity, fit_with_up, rms, worst_point
 from calib.spline import ORDER, Flight, lay_knots
 from calib.twoview import triangulate
@@ -154,18 +154,9 @@ def supported(cameras: tuple[Camera, ...], data: tuple[CameraData, ...]) -> tupl
                     [t[d.target == target] for k, (t, d) in enumerate(zip(times, data, strict=True)) if k != index]
                 )
             )
-            keep[own] = _near(times[index][own], others)
+            keep[own] = gap_to_nearest_s(times[index][own], others) <= SUPPORT_S
         kept.append(seen.rows(keep))
     return tuple(kept)
-
-
-def _near(t_s: Array, others: Array) -> NDArray[np.bool_]:
-    if len(others) == 0:
-        return np.zeros(len(t_s), bool)
-    after = np.clip(np.searchsorted(others, t_s), 0, len(others) - 1)
-    before = np.maximum(after - 1, 0)
-    near: NDArray[np.bool_] = np.minimum(np.abs(others[after] - t_s), np.abs(others[before] - t_s)) <= SUPPORT_S
-    return near
 
 
 def lay_flight(cameras: tuple[Camera, ...], data: tuple[CameraData, ...], spacing_s: float) -> Flight:

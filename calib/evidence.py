@@ -15,6 +15,7 @@ from calib.bundle import Adjusted, Problem, adjust_rounds
 from calib.noise import RAYLEIGH_MEDIAN, robust_weight
 from calib.projection import CameraData, Projected, project, site_time_s
 from calib.refine import survey_check
+from calib.series import gap_to_nearest_s
 from calib.survey_check import NetworkCheck
 from calib.uncertainty import prediction_px2
 from edge.lens import Array
@@ -106,11 +107,7 @@ def _beside(t_s: Array, target: NDArray[np.int64], other_s: Array, other: NDArra
     found = np.zeros(len(t_s), bool)
     for one in np.unique(target):
         times, mine = np.sort(other_s[other == one]), np.flatnonzero(target == one)
-        if len(times):
-            after = np.clip(np.searchsorted(times, t_s[mine]), 0, len(times) - 1)
-            before = np.maximum(after - 1, 0)
-            gap = np.minimum(np.abs(times[after] - t_s[mine]), np.abs(t_s[mine] - times[before]))
-            found[mine] = gap <= SUPPORT_S
+        found[mine] = gap_to_nearest_s(t_s[mine], times) <= SUPPORT_S
     return found
 
 

@@ -27,6 +27,7 @@ from edge.lens import Array
 
 FIRST_SIGMA_RAY: Final = 0.005  # what a first estimate is good for, in ray units
 FEWEST_INLIERS: Final = 0.5  # share of a camera's rows within its noise: half clutter is no camera
+WITHIN_SIGMAS: Final = 3.0  # 98.9 % of good two-dimensional residuals
 COARSEST: Final = 8.0  # times the other cameras' noise, in ray units: a lens or a clock that no refinement mends
 SURE: Final = 1e-4  # chance of a good survey looking so wrong, below which a position is taken out and not only named
 FEWEST_LEFT: Final = 3  # cameras: fewer would hang on the survey of two
@@ -149,7 +150,7 @@ def _outcast(adjusted: Adjusted, problem: Problem) -> tuple[str, str] | None:
         camera, image = adjusted.estimate.cameras[index], adjusted.projected[index]
         others = float(np.median(np.delete(noise, index)))
         sigma = adjusted.weights.sigma_px[index] * problem.data[index].sigma_px
-        share = float(np.mean(image.valid & (np.linalg.norm(image.residual, axis=1) < 3 * sigma)))
+        share = float(np.mean(image.valid & (np.linalg.norm(image.residual, axis=1) < WITHIN_SIGMAS * sigma)))
         if len(noise) > 2 and noise[index] > COARSEST * others:
             return camera.id, (
                 f"its rows miss by {1e3 * noise[index]:.1f} mrad where the others miss by {1e3 * others:.2f}: "

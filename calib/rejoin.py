@@ -18,13 +18,12 @@ from calib.observations import SiteCamera
 from calib.resection import FEWEST_POINTS, Resection, resect
 from calib.scaffold import FAIR_SHARE, Pose, threshold_ray
 from calib.series import Track, even
-from calib.similarity import Similarity
+from calib.similarity import UNCHANGED
 from calib.spline import evaluate
 from edge.lens import Array
 
 ROWS: Final = 300  # of a track that are tried
 PATIENCE: Final = 3.0  # times the scaffold's threshold: the adjustment weighs a poor camera by its own residuals
-UNCHANGED: Final = Similarity(1.0, np.eye(3), np.zeros(3))
 
 
 def rejoin(

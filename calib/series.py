@@ -99,6 +99,16 @@ def noise_ray(tracks: list[Track]) -> float:
     return float(np.median(values) / 0.6745 / np.sqrt(20)) if len(values) else 0.0  # 1 + 9 + 9 + 1 = 20
 
 
+def gap_to_nearest_s(t_s: Array, others: Array) -> Array:
+    """(N,) seconds from each time to the nearest of the others (M,), which are in order; infinite if there are none."""
+    if len(others) == 0:
+        return np.full(len(t_s), np.inf)
+    after = np.clip(np.searchsorted(others, t_s), 0, len(others) - 1)
+    before = np.maximum(after - 1, 0)
+    gap: Array = np.minimum(np.abs(others[after] - t_s), np.abs(t_s - others[before]))
+    return gap
+
+
 def even(count: int, most: int) -> NDArray[np.int64]:
     """Indices of at most `most` of `count` things, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))

@@ -35,6 +35,9 @@ class Similarity:
         return moved
 
 
+UNCHANGED: Final = Similarity(1.0, np.eye(3), np.zeros(3))  # of points already in the frame they are wanted in
+
+
 @dataclass(frozen=True)
 class SimilarityFit:
     """A fitted similarity, its misfit (N, 3) and flatness: second over first singular value of the points."""

@@ -15,6 +15,7 @@ from calib.bundle import Adjusted, Problem
 from calib.evidence import Evidence
 from calib.network import POSE_SIZE, Network
 from calib.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT, CameraData, site_time_s
+from calib.series import gap_to_nearest_s
 from calib.spline import Flight, evaluate
 from calib.uncertainty import camera_covariance, position_covariance
 from edge.lens import Array, LensModel
@@ -205,8 +206,5 @@ def _cameras_at(t_s: Array, target: int, seen: list[tuple[Array, CameraData]]) -
     count = np.zeros(len(t_s), np.int64)
     for site, data in seen:
         own = np.sort(site[data.target == target])
-        if len(own):
-            after = np.clip(np.searchsorted(own, t_s), 0, len(own) - 1)
-            before = np.maximum(after - 1, 0)
-            count += np.minimum(np.abs(own[after] - t_s), np.abs(t_s - own[before])) <= SEEN_WITHIN_S
+        count += gap_to_nearest_s(t_s, own) <= SEEN_WITHIN_S
     return count
