@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -13,14 +14,16 @@ from calib.geodesy import Origin
 from calib.station.config import BaseConfig
 from calib.station.endpoint import Endpoint, open_endpoint
 from calib.station.mavlink import TrackerStatus, Voice
-from calib.station.mavlink_codec import CLOCK_SET_S, read_key
+from calib.station.mavlink_codec import CLOCK_SET_S, Streams, read_key
 from calib.station.mavlink_port import Port
 from calib.station.outgoing import Outgoing
 from calib.station.status import EndpointStatus
 from edge.errors import ConfigError
+from edge.health import Check
 
 log = logging.getLogger(__name__)
 
+RECENT_NS: Final = 60 * 10**9  # how long a refused command is spoken of
 SEVERITIES: Final = {
     "ok": common.MAV_SEVERITY_NOTICE,
     "warn": common.MAV_SEVERITY_WARNING,
@@ -38,6 +41,9 @@ class Broadcast:
         self._config, self._epoch, self._sent = config, epoch, sent
         voice = self._voice(config.site.origin or (0.0, 0.0, 0.0))
         self._lines: list[tuple[Port, Endpoint]] = []
+        self._errors: Counter[str] = Counter()
+        self._refused, self._refused_ns = 0, -RECENT_NS
+        streams: dict[bytes | None, Streams] = {}
         for section in config.mavlink.endpoint:
             key = read_key(folder / section.signing_key) if section.signing_key else None
             if key is not None and time.time() < CLOCK_SET_S:
@@ -46,7 +52,7 @@ class Broadcast:
                     where=section.url,
                     action="set the clock (chrony) and start again",
                 )
-            port = Port(section, config.mavlink, voice, key)
+            port = Port(section, config.mavlink, voice, key, streams.setdefault(key, Streams(time.time())))
             port.refresh(time.time(), signing_ticks)
             self._lines.append((port, open_endpoint(section.url)))
 
@@ -98,6 +104,39 @@ class Broadcast:
         endpoint.send(frames, now_ns)
         for frame in frames:
             self._sent(endpoint.url, frame)
+
+    @property
+    def counters(self) -> dict[str, float]:
+        """Messages sent, and commands obeyed and refused by reason, over all endpoints."""
+        total: Counter[str] = Counter()
+        for port, _ in self._lines:
+            total.update(port.counters)
+        return {f"mavlink_{name}": float(count) for name, count in total.items()}
+
+    def checks(self, now_ns: int) -> list[Check]:
+        """Whether each endpoint takes what is sent, and whether somebody tries to give orders."""
+        checks = [self._check(endpoint) for _, endpoint in self._lines]
+        refused = sum(port.counters["commands_refused"] for port, _ in self._lines)
+        if refused > self._refused:
+            self._refused, self._refused_ns = refused, now_ns
+        if now_ns - self._refused_ns < RECENT_NS:
+            action = "sign with this station's key, list the system in commands_from, or find out who it is"
+            checks.append(Check("mavlink commands", "warn", f"{refused} were refused ({self._reasons()})", action))
+        return checks
+
+    def _check(self, endpoint: Endpoint) -> Check:
+        failing = endpoint.errors > self._errors[endpoint.url]
+        self._errors[endpoint.url] = endpoint.errors
+        if failing:
+            action = "start the receiver, check the address"
+            return Check(f"mavlink {endpoint.url}", "warn", endpoint.last_error, action)
+        return Check(f"mavlink {endpoint.url}", "ok", "sends")
+
+    def _reasons(self) -> str:
+        names = {name: count for name, count in self.counters.items() if name.startswith("mavlink_commands_")}
+        for total in ("obeyed", "refused"):
+            names.pop(f"mavlink_commands_{total}")
+        return ", ".join(f"{count:.0f} {name.removeprefix('mavlink_commands_')}" for name, count in names.items())
 
     @property
     def status(self) -> list[EndpointStatus]:

@@ -7,6 +7,7 @@ command addressed to us is answered, because senders repeat what is not.
 """
 
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Final
@@ -16,7 +17,7 @@ from pymavlink.dialects.v20 import common
 from calib.station import mavlink
 from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.mavlink import COMPONENT_ECEF, COMPONENT_GCS, TrackerStatus, Voice
-from calib.station.mavlink_codec import Codec
+from calib.station.mavlink_codec import Codec, Streams
 from calib.station.outgoing import Outgoing
 from calib.targets import State
 
@@ -56,12 +57,20 @@ class _Farewell:
 class Port:
     """What one endpoint sends and answers."""
 
-    def __init__(self, endpoint: EndpointSection, options: MavlinkSection, voice: Voice, key: bytes | None) -> None:
+    def __init__(
+        self,
+        endpoint: EndpointSection,
+        options: MavlinkSection,
+        voice: Voice,
+        key: bytes | None,
+        streams: Streams | None = None,
+    ) -> None:
+        """key: signs and verifies; None: neither. streams: what was heard under this key on any endpoint."""
         self._endpoint, self._voice = endpoint, voice
         profile = endpoint.profile
         self._gcs = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id) if "gcs" in profile else None
         self._ecef = Codec(options.system_id, COMPONENT_ECEF, key, endpoint.link_id) if "ecef" in profile else None
-        self._listener = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id)
+        self._listener = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id, streams)
         self._listener.signing.allow_unsigned_callback = lambda *_: True  # obeyed or not is decided per command
         self._adsb = _Paced(interval_ns=round(NS / options.adsb_rate_hz))
         self._tracks = _Paced(interval_ns=round(NS / endpoint.rate_hz))
@@ -69,7 +78,7 @@ class Port:
         self._text_budget, self._texts = TEXTS_A_SECOND, 0
         self._signed = key is not None
         self._running: common.MAVLink_command_long_message | None = None
-        self.counters = {"sent": 0, "unsendable": 0, "commands_obeyed": 0, "commands_refused": 0}
+        self.counters = Counter(sent=0, unsendable=0, commands_obeyed=0, commands_refused=0)
 
     @property
     def _codecs(self) -> list[Codec]:
@@ -162,6 +171,7 @@ class Port:
         extra: list[bytes] = []
         if not self._entitled(message):
             result = common.MAV_RESULT_DENIED
+            self.counters[f"commands_{message.signature if self._signed else 'unlisted'}"] += 1
         else:
             result, extra = self._obey(codec, message, wish)
         obeyed = result in {common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_IN_PROGRESS}
@@ -177,7 +187,7 @@ class Port:
     def _entitled(self, message: common.MAVLink_command_long_message) -> bool:
         """Signed with our key, or from a system the configuration lists where no key is set."""
         if self._signed:
-            return bool(message.verified)
+            return bool(message.signature == "good")
         return message.get_srcSystem() in self._endpoint.commands_from
 
     def _obey(self, codec: Codec, message: common.MAVLink_command_long_message, wish: Wish) -> tuple[int, list[bytes]]:

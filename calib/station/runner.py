@@ -36,7 +36,7 @@ from edge.health import Check
 from edge.inbox import Inbox, Received
 from edge.link import Link
 from edge.link_health import LinkHealth
-from edge.messages import HealthLevel, camera_key, camera_of_key, encode, station_key
+from edge.messages import camera_key, camera_of_key, encode, station_key
 
 log = logging.getLogger(__name__)
 
@@ -88,7 +88,6 @@ class Runner:
         self.turns = 0
         self._in_force: Network | None = None
         self._pictures: Inbox[Received] | None = None
-        self._errors: dict[str, int] = {}
         self.latencies_ms: deque[float] = deque(maxlen=LATENCIES)
         self.exposures_ms: deque[float] = deque(maxlen=LATENCIES)
 
@@ -253,7 +252,7 @@ class Runner:
         late = self.backfill.counters
         found = self.link_health.counters()
         found |= {f"backfill_{name}": getattr(late, name) for name in late.__struct_fields__}
-        found |= {"inbox_dropped": self.inbox.dropped}
+        found |= {"inbox_dropped": self.inbox.dropped} | self.broadcast.counters
         return found | {"recorded": 0 if self.recorder is None else self.recorder.messages}
 
     @property
@@ -271,13 +270,7 @@ class Runner:
         return sum(bound is not None and bound <= SYNCED_S for bound in bounds) >= 2
 
     def _own_checks(self) -> list[Check]:
-        checks = self.link_health.checks(who="the port")
-        for line in self.broadcast.status:
-            failing = line.errors > self._errors.get(line.url, 0)
-            self._errors[line.url] = line.errors
-            level: HealthLevel = "warn" if failing else "ok"
-            reason = line.last_error if failing else "sends"
-            checks.append(Check(f"mavlink {line.url}", level, reason, "start the receiver, check the address"))
+        checks = self.link_health.checks(who="the port") + self.broadcast.checks(self.now_ns())
         faults = [("disk", self.keeper.fault), ("recording", self.recorder.fault if self.recorder else "")]
         checks += [Check(name, "warn", fault, "look at the disk: space, rights") for name, fault in faults if fault]
         return checks
