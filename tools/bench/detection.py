@@ -3,6 +3,9 @@
 Four rows of figures for the drones and four for everything: the model on whole frames at native size and at a third,
 the box's own two stages, and what its gate lets through. Labels are 1.5 to 3 times the object, so the centre measures
 count. Detections are written to --out as tables for `tools.evaluate_detections`.
+
+Two thirds of the clips number their labels from 1 (tools/train/footage.py). They are counted from 0 here unless
+--as-numbered asks for the tables to the letter, in which the first frame of such a clip holds a drone and no label.
 """
 
 import argparse
@@ -28,7 +31,7 @@ from edge.errors import SkyfixError, SourceError
 from edge.gate import Row, make_gate
 from tools.evaluate_detections import read_all, score
 from tools.scoring.detections import Boxes, Scores, no_boxes
-from tools.train.footage import read_split, stacks
+from tools.train.footage import first_number, read_split, stacks
 
 START_UNIX_NS: Final = 1_780_000_000 * 10**9
 LOWEST_SCORE: Final = 0.02  # of whole frames: average precision needs the doubtful ones too
@@ -149,6 +152,12 @@ def figures(results: list[ClipResult], labels: dict[str, Boxes], every: int) -> 
     return scores
 
 
+def from_zero(boxes: Boxes, frames: int) -> Boxes:
+    """Labels of a clip of so many frames, counted from 0 whatever their table counts from."""
+    number = boxes.frame - first_number(boxes.frame.tolist(), frames)
+    return Boxes(number[number >= 0], boxes.box_px[number >= 0], boxes.score[number >= 0])
+
+
 def _thinned(boxes: Boxes, step: int) -> Boxes:
     """The boxes of every step-th frame, frames counted anew."""
     kept = boxes.frame % step == 0
@@ -199,6 +208,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--match", default="", help="only clips whose name holds this")
     parser.add_argument("--every", type=int, default=5, help="whole frames: look at one in so many (default 5)")
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--as-numbered", action="store_true", help="take the labels' frame numbers to the letter")
     parser.add_argument("--out", type=Path, help="where the detections are written as tables")
     options = parser.parse_args(argv)
     try:
@@ -210,6 +220,8 @@ def main(argv: list[str] | None = None) -> int:
     except SkyfixError as error:
         print(error, file=sys.stderr)
         return 1
+    if not options.as_numbered:
+        labels |= {result.clip: from_zero(labels[result.clip], result.frames) for result in results}
     print(f"{options.model}, {len(results)} clips of {options.part}, {sum(r.frames for r in results)} frames")
     drones = [result for result in results if "_DRONE_" in result.clip]
     if drones:

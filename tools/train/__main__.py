@@ -24,7 +24,7 @@ from tools.train.compose import Composer
 from tools.train.export import About, export
 from tools.train.footage import Material, read_clip, read_split
 from tools.train.loop import Schedule, train
-from tools.train.mine import SigmaFit, background_weights, find_measured, fit_sigma
+from tools.train.mine import SigmaFit, find_measured, fit_sigma, weigh_backgrounds
 from tools.train.net import SkyNet
 from tools.train.patches import CLASSES
 from tools.train.rendered import render_material
@@ -33,7 +33,7 @@ from tools.train.yolo import all_classes, read_folder, read_names
 STEPS = 26000  # of 32 samples: 45 minutes on a quiet CPU; the losses still fall, but slowly
 SCENES = 120  # rendered: about 1700 patches and 1400 backgrounds, a fifth of what the clips give
 SIGMA_SCENES = 150  # rendered, for the calibration of sigma
-FIRST_SHARE = 0.3  # of the steps before backgrounds are weighed by how they fool the net
+STAGES = (0.25, 0.3, 0.45)  # of the steps; before the second and third, backgrounds are weighed by how they fool it
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -90,18 +90,17 @@ def run(options: argparse.Namespace) -> None:
         log(line)
         torch.save(half_trained.state_dict(), weights)
 
-    net, scout = SkyNet(len(classes)), SkyNet(len(classes))
+    net = SkyNet(len(classes))
     if options.begin:
-        for each in (net, scout):
-            each.load_state_dict(torch.load(options.begin, weights_only=True))
+        net.load_state_dict(torch.load(options.begin, weights_only=True))
     composer = Composer(material, options.seed)
-    first = int(options.steps * FIRST_SHARE)
-    if material.backgrounds and first:
-        scout = train(scout, composer, Schedule(first, options.minutes * 60 * FIRST_SHARE, rate=options.rate), watch)
-        composer.prefer_backgrounds(background_weights(scout, material.backgrounds))
-        net.load_state_dict(scout.state_dict())
-    rest = Schedule(options.steps - first, options.minutes * 60 * (1 - FIRST_SHARE), rate=options.rate)
-    net = train(net, composer, rest, watch)
+    for share in STAGES:
+        if share != STAGES[0] and material.backgrounds:
+            weights, spots = weigh_backgrounds(net, material.backgrounds)
+            log("%d backgrounds fool it, %d hold an unlabelled object", (weights > 0.25).sum(), (weights == 0).sum())
+            composer.prefer_backgrounds(weights, spots)
+        schedule = Schedule(max(int(options.steps * share), 1), options.minutes * 60 * share, rate=options.rate)
+        net = train(net, composer, schedule, watch)
     found = find_measured(net, Composer(material, options.seed + 1), SIGMA_SCENES)
     sigma = fit_sigma(found)
     before, after = found.normalised(SigmaFit()), found.normalised(sigma)

@@ -2,7 +2,9 @@
 
 Everything a box will meet and the clips do not show is made here: objects 2 px wide before leaves and clouds, speeds
 from hover to bird, motion blur, low contrast. A net that is shown an object in every picture learns to find one in
-every picture: so many samples hold none, and those backgrounds that fool it come back more often.
+every picture: so many samples hold none, and those places that fool it come back more often. What it must find has to
+be findable: a faint speck taught as an object among leaves teaches it to report leaves, and an insect that crosses the
+lens in a tenth of a second is no aircraft.
 """
 
 from collections.abc import Sequence
@@ -15,7 +17,7 @@ import numpy as np
 from tools.train.backdrops import foliage, sky
 from tools.train.camera import expose
 from tools.train.footage import Material
-from tools.train.paste import Pose, lay, velocity, visible_look
+from tools.train.paste import Pose, Vector, insect_velocity, lay, velocity, visible_look
 from tools.train.patches import CLASSES, UNKNOWN_CLASS, Box, Cutout, Floats, Grey
 from tools.train.silhouettes import draw
 
@@ -28,6 +30,9 @@ SMALLEST_PX: Final = 2.0
 LARGEST_PX: Final = 44.0  # of a pasted object's longer side: beyond it a 64 px crop holds no background
 LARGEST_ZOOM: Final = 1.3  # of a cut-out: enlarged more, it is softer than anything a lens makes
 APART_PX: Final = 8  # between two objects: closer, they share a peak of the net
+TEXTURE_PX: Final = 10  # about a place: where the background's scatter is measured
+LEAFY: Final = 15.0  # grey levels of scatter among which an object is twice SMALLEST_PX at least
+INSECT_PX: Final = (1.5, 6.0)
 
 Views = tuple[tuple[Cutout, ...], int]
 Item = TypeVar("Item")
@@ -43,6 +48,8 @@ class Mix:
     drawn_cutout: float = 0.4  # of the objects set on a background
     empty: float = 0.45  # of the backgrounds
     second: float = 0.15  # of the patches: those that get another object
+    insects: float = 0.12  # of all samples: those that an insect or two fly through
+    spot: float = 0.6  # of the backgrounds with a known worst place: those cut out about it
 
 
 class Composer:
@@ -58,9 +65,13 @@ class Composer:
         self.patches = _by_class(material.patches, [patch.boxes[0].label for patch in material.patches])
         self.cutouts = _by_class(material.cutouts, [label for _, label in material.cutouts])
 
-    def prefer_backgrounds(self, weights: Floats) -> None:
-        """Draw backgrounds in proportion to `(N,)` weights: those that fooled a half-trained net, more often."""
+    def prefer_backgrounds(self, weights: Floats, spots: Floats | None = None) -> None:
+        """Draw backgrounds in proportion to `(N,)` weights: those that fooled a half-trained net, more often.
+
+        spots: `(N, 2)` px, the place in each that fools it most.
+        """
         self._background_share = np.cumsum(weights)
+        self._spots = spots
 
     def batch(self, count: int) -> tuple[Grey, Floats]:
         """`(B, S, S, 3)` stacks and `(B, MAX_BOXES, BOX_VALUES)` boxes.
@@ -90,11 +101,14 @@ class Composer:
             pastes = 0 if self.random.random() < self.mix.empty else int(self.random.choice([1, 1, 2]))
         for _ in range(pastes):
             self._paste(image, boxes)
+        if self.random.random() < self.mix.insects:
+            self._insects(image)
         return expose(image, self.random), boxes
 
     def _background(self) -> Floats:
         k = int(np.searchsorted(self._background_share, self.random.random() * self._background_share[-1]))
-        return crop(self.backgrounds[k], (), self.random)[0]
+        spot = self._spots[k] if self._spots is not None and self.random.random() < self.mix.spot else None
+        return crop(self.backgrounds[k], (), self.random, about=spot)[0]
 
     def _drawn_background(self) -> Floats:
         return (foliage if self.random.random() < self.mix.foliage else sky)(CROP_PX, self.random)
@@ -105,18 +119,34 @@ class Composer:
         views, label = self._views()
         longest = max(views[0].size_px)
         largest = LARGEST_PX if label == UNKNOWN_CLASS else min(LARGEST_PX, longest * LARGEST_ZOOM)
-        scale = float(np.exp(random.uniform(np.log(SMALLEST_PX), np.log(max(largest, SMALLEST_PX + 1))))) / longest
         place = random.uniform(3, CROP_PX - 4, 2)
         if any(_near(box, place[0], place[1]) for box in boxes):
             return
-        mirror = -1.0 if random.random() < 0.5 else 1.0
-        motion = velocity(random)
-        look = visible_look(views[0], float(image[int(place[1]), int(place[0]), 0]), random)
-        smear = motion * random.uniform(0, 0.2) if random.random() < 0.4 else np.zeros(2)
-        for k, view in enumerate(views):
-            lay(image[:, :, k], view, Pose(place - motion * k, (scale * mirror, scale), smear), look)
+        smallest = SMALLEST_PX * (1 + min(_scatter(image, place) / LEAFY, 1))
+        length = float(np.exp(random.uniform(np.log(smallest), np.log(max(largest, smallest + 1)))))
+        smear = self._fly(image, views, place, velocity(length, random), length / longest)
+        scale = length / longest
         width, height = (max(s * scale + abs(m), 1.0) for s, m in zip(views[0].size_px, smear, strict=True))
         boxes.append(Box(float(place[0]), float(place[1]), float(width), float(height), label, exact=1.0))
+
+    def _fly(self, image: Floats, views: tuple[Cutout, ...], place: Vector, motion: Vector, scale: float) -> Vector:
+        """Lay an object at its place now and where it was before; its motion blur `(2,)` px."""
+        random = self.random
+        mirror = -1.0 if random.random() < 0.5 else 1.0
+        behind = float(image[int(place[1]), int(place[0]), 0])
+        look = visible_look(views[0], behind, _scatter(image, place), random)
+        smear: Vector = motion * random.uniform(0, 0.2) if random.random() < 0.4 else np.zeros(2)
+        for k, view in enumerate(views):
+            lay(image[:, :, k], view, Pose(place - motion * k, (scale * mirror, scale), smear), look)
+        return smear
+
+    def _insects(self, image: Floats) -> None:
+        """One or two specks that cross the picture far faster than their size allows an aircraft; they get no box."""
+        for _ in range(int(self.random.integers(1, 3))):
+            views, _ = self.drawn[int(self.random.integers(len(self.drawn)))]
+            length = float(self.random.uniform(*INSECT_PX))
+            place = self.random.uniform(0, CROP_PX - 1, 2)
+            self._fly(image, views, place, insect_velocity(length, self.random), length / max(views[0].size_px))
 
     def _views(self) -> Views:
         if self.random.random() < self.mix.drawn_cutout or not self.cutouts:
@@ -124,14 +154,17 @@ class Composer:
         return _pick(self.cutouts, self.random)
 
 
-def crop(stack: Grey, boxes: Sequence[Box], random: np.random.Generator) -> tuple[Floats, list[Box]]:
-    """A flipped, slightly zoomed CROP_PX window that holds the first box, or lies anywhere if there is none."""
+def crop(
+    stack: Grey, boxes: Sequence[Box], random: np.random.Generator, about: Floats | None = None
+) -> tuple[Floats, list[Box]]:
+    """A flipped, slightly zoomed CROP_PX window that holds the first box, or else the place `about`, or any."""
     zoom = random.uniform(0.8, 1.2)
     flip = -1.0 if random.random() < 0.5 else 1.0
     half = (CROP_PX - 1) / 2
-    if boxes:
+    held = np.array([boxes[0].x_px, boxes[0].y_px]) if boxes else about
+    if held is not None:
         reach = CROP_PX / 2 - 3
-        wanted = np.array([boxes[0].x_px, boxes[0].y_px]) + random.uniform(-reach, reach, 2) / zoom
+        wanted = held + random.uniform(-reach, reach, 2) / zoom
     else:
         wanted = random.uniform(0, stack.shape[1::-1])
     # Kept inside the patch where it can be: beyond its border everything is made up.
@@ -147,6 +180,13 @@ def crop(stack: Grey, boxes: Sequence[Box], random: np.random.Generator) -> tupl
             size = (box.width_px * zoom, box.height_px * zoom)
             placed.append(Box(float(x), float(y), *size, box.label, box.exact, box.telling))
     return image.astype(np.float32), placed
+
+
+def _scatter(image: Floats, place: Vector) -> float:
+    """How much the newest frame varies about a place: one sigma, grey levels."""
+    u, v = int(place[0]), int(place[1])
+    near = image[max(v - TEXTURE_PX, 0) : v + TEXTURE_PX + 1, max(u - TEXTURE_PX, 0) : u + TEXTURE_PX + 1, 0]
+    return float(near.std())
 
 
 def _near(box: Box, x: float, y: float) -> bool:

@@ -13,11 +13,11 @@ from edge.errors import SkyfixError
 from tools.train.compose import CROP_PX, Composer
 from tools.train.loss import NOMINAL_LOG_SIZE, centres
 from tools.train.net import STRIDE, SkyNet, cells
-from tools.train.patches import Floats, Grey
+from tools.train.patches import Floats, Grey, flies
 from tools.train.rendered import FIRST_TEST_SEED, centred_crops
 
-EASY_WEIGHT: Final = 0.15  # of a background that fools nobody, against 1 for one that does
-MOST_TRUSTED: Final = 0.9  # a score above it on "background" is more likely an unlabelled bird than a mistake
+EASY_WEIGHT: Final = 0.1  # of a background that fools nobody, against 1 for one that does
+FLYER_SCORE: Final = 0.4  # from which a peak on "background" may be an object nobody labelled
 FOUND_SCORE: Final = 0.3  # score from which a detection counts for the calibration
 LEAST_FOUND: Final = 100  # three parameters from fewer would be a guess
 CLIP_SIGMAS: Final = 5.0  # an error so large is a different object, not a worse centre
@@ -25,16 +25,28 @@ OUTLIER_PX: Final = 6.0  # a peak further off belongs to something else
 
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
-def background_weights(net: SkyNet, backgrounds: list[Grey], batch: int = 64) -> Floats:
-    """`(N,)` weights of backgrounds, by the best score of a trained net in each."""
+def weigh_backgrounds(net: SkyNet, backgrounds: list[Grey], batch: int = 64) -> tuple[Floats, Floats]:
+    """`(N,)` weights of backgrounds, by the best score of a trained net in each, and `(N, 2)` where that is, px.
+
+    A background with a flying thing on plain sky that nobody labelled has no weight: it would teach to overlook it.
+    """
     net.eval()
-    scores = []
+    weights, spots = [], []
     for start in range(0, len(backgrounds), batch):
-        stack = np.stack(backgrounds[start : start + batch])
-        scores.append(torch.sigmoid(_maps(net, stack)[:, 0]).flatten(1).amax(1).cpu().numpy())
-    best = np.concatenate(scores)
-    weights: Floats = np.where(best > MOST_TRUSTED, EASY_WEIGHT, EASY_WEIGHT + best).astype(np.float32)
-    return weights
+        for stack, score, spot, size in zip(*_worst(net, backgrounds[start : start + batch]), strict=True):
+            flyer = score > FLYER_SCORE and flies(stack, (float(spot[0]), float(spot[1])), float(size))
+            weights.append(0.0 if flyer else EASY_WEIGHT + score**2)
+            spots.append(spot)
+    return np.array(weights, np.float32), np.array(spots, np.float32)
+
+
+def _worst(net: SkyNet, stacks: list[Grey]) -> tuple[list[Grey], Floats, Floats, Floats]:
+    """The stacks again; of the best peak in each its score `(B,)`, its centre `(B, 2)` and its longer side `(B,)`."""
+    raw = _maps(net, np.stack(stacks))
+    score, index = torch.sigmoid(raw[:, 0]).flatten(1).max(1)
+    found = torch.cat([centres(raw)[0], raw[:, 3:5] + NOMINAL_LOG_SIZE], dim=1).flatten(2)
+    at = found.gather(2, index[:, None, None].expand(-1, 4, 1))[..., 0].cpu().numpy()
+    return stacks, score.cpu().numpy(), at[:, :2], np.exp(at[:, 2:].max(axis=1))
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from tools.train.patches import Cutout, Floats
 
-WEAKEST_CONTRAST: Final = 12.0  # grey levels: what is fainter is not an object that anybody could label
+WEAKEST_CONTRAST: Final = 12.0  # grey levels over the background's own scatter: fainter, nobody could label it
 STRONGEST_PUSH: Final = 60.0  # grey levels that a faint object is moved away from its background
 FASTEST_PX: Final = 25.0  # per 100 ms: the 99th percentile of birds in 640 px footage
+FASTEST_LENGTHS: Final = 4.0  # of its own, per 100 ms: a small drone at 15 m/s
+INSECT_LENGTHS: Final = (6.0, 25.0)  # per 100 ms: what crosses so many is an insect near the lens
 SMEAR_STEPS: Final = (-0.5, 0.0, 0.5)  # places of an object during the exposure, as shares of the smear
 
 Vector = NDArray[np.float64]
@@ -26,23 +28,33 @@ class Look:
     offset: float
 
 
-def visible_look(view: Cutout, behind: float, random: np.random.Generator) -> Look:
-    """A random look, pushed away from the grey `behind` it if it would vanish against that."""
+def visible_look(view: Cutout, behind: float, scatter: float, random: np.random.Generator) -> Look:
+    """A random look, pushed away from the grey `behind` it and that one's `scatter` if it would vanish in them."""
     grey = float(view.paint.sum() / view.matte.sum())
     opacity = random.uniform(0.45, 1.0)
     gain, offset = random.uniform(0.7, 1.3), random.normal(0, 15)
     contrast = (grey * gain + offset - behind) * opacity
-    if abs(contrast) < WEAKEST_CONTRAST:
-        push = float(random.uniform(WEAKEST_CONTRAST, STRONGEST_PUSH)) / opacity
+    weakest = WEAKEST_CONTRAST + scatter
+    if abs(contrast) < weakest:
+        push = float(random.uniform(weakest, scatter + STRONGEST_PUSH)) / opacity
         offset += (push if contrast > 0 else -push) - contrast / opacity
     return Look(opacity, gain, offset)
 
 
-def velocity(random: np.random.Generator) -> Vector:
-    """`(2,)` pixels per 100 ms: one in ten hovers, the rest from a crawl to a bird close by."""
+def velocity(length_px: float, random: np.random.Generator) -> Vector:
+    """`(2,)` pixels per 100 ms of an object so long: one in ten hovers, the rest from a crawl to a bird close by."""
     if random.random() < 0.1:
         return np.zeros(2)
-    speed = np.exp(random.uniform(np.log(0.15), np.log(FASTEST_PX)))
+    fastest = min(FASTEST_PX, FASTEST_LENGTHS * length_px)
+    return _any_way(np.exp(random.uniform(np.log(0.15), np.log(fastest))), random)
+
+
+def insect_velocity(length_px: float, random: np.random.Generator) -> Vector:
+    """`(2,)` pixels per 100 ms of an insect so long."""
+    return _any_way(length_px * random.uniform(*INSECT_LENGTHS), random)
+
+
+def _any_way(speed: float, random: np.random.Generator) -> Vector:
     angle = random.uniform(0, 2 * np.pi)
     return np.array([np.cos(angle) * speed, np.sin(angle) * speed])
 

@@ -26,6 +26,9 @@ MATTE_FULL_SHARE: Final = 0.35  # of the peak contrast: from there on a pixel is
 EXTENT_QUANTILE: Final = (
     0.02  # of the silhouette left outside either side of a tight box: one stray pixel is not a wing
 )
+FLYER_MARGIN: Final = 1.5  # times its size: the box in which a thing is measured against the sky
+FLYER_LEAST_PX: Final = 8.0  # what is smaller is measured as if it were so large
+FLYER_MOVED: Final = 0.4  # of its contrast: the least that has changed where it is
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,23 @@ def lift(frame: Grey, box_px: tuple[float, float, float, float]) -> Cutout | Non
     cutout = _measured(matte, window, sky, (x0, y0))
     # Labels are loose, so what is larger than its label is a cloud.
     return cutout if cutout.size_px[0] <= 1.1 * width and cutout.size_px[1] <= 1.1 * height else None
+
+
+def flies(stack: Grey, spot: tuple[float, float], size_px: float) -> bool:
+    """Whether a thing about so large stands out from plain sky there and was not there in the oldest frame."""
+    side = FLYER_MARGIN * max(size_px, FLYER_LEAST_PX)
+    newest = np.ascontiguousarray(stack[:, :, 0])
+    cutout = lift(newest, (spot[0] - side / 2, spot[1] - side / 2, side, side))
+    if cutout is None:
+        return False
+    rows, cols = cutout.matte.shape
+    left = round(cutout.frame_px[0] - cutout.centre_px[0])
+    top = round(cutout.frame_px[1] - cutout.centre_px[1])
+    part = np.s_[top : top + rows, left : left + cols]
+    now, before = newest[part].astype(np.float32), stack[part][:, :, -1].astype(np.float32)
+    around = np.median(newest[max(top - 3, 0) : top + rows + 3, max(left - 3, 0) : left + cols + 3])
+    change, contrast = np.abs(now - before) * cutout.matte, np.abs(now - around) * cutout.matte
+    return bool(change.sum() > FLYER_MOVED * contrast.sum())
 
 
 def _sky_plane(window: Floats) -> tuple[Floats, float]:

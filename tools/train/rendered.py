@@ -27,6 +27,7 @@ LAGS: Final = (0, 3, 6)  # frames at 30 Hz: 100 and 200 ms
 EVERY: Final = 3  # frames between samples
 SPEED_RANGE_PX_S: Final = (5.0, 250.0)
 WANDER_PX: Final = 12.0  # a predicted track or a moving blob is not centred better than this
+CODED: Final = 0.6  # of the scenes: most cameras send coded video
 LEAST_VISIBLE: Final = 0.6  # of an object behind leaves; less is not to be learned
 WIDTHS_M: Final = {"drone": 0.5, "bird": 0.9, "aeroplane": 12.0, "helicopter": 10.0}
 
@@ -119,7 +120,8 @@ def render_material(count: int, random: np.random.Generator) -> Material:
     for _ in range(count):
         kind = str(random.choice(CLASSES, p=[0.4, 0.2, 0.2, 0.2]))
         width_px = float(np.exp(random.uniform(np.log(2.5), np.log(40))))
-        for stack, labels in stacks(scene(int(random.integers(FIRST_TEST_SEED)), width_px, kind)):
+        simulation = scene(int(random.integers(FIRST_TEST_SEED)), width_px, kind)
+        for stack, labels in stacks(simulation, through_codec if random.random() < CODED else None):
             for _ in range(2):
                 _cut(material, stack, labels, random)
     return material
