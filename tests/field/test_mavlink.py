@@ -1,0 +1,52 @@
+"""MAVLink at a real base: forged, replayed and future-dated commands do nothing; who comes an hour late is heard.
+
+The long versions, with every attack and the peers' figures, are tools.bench.mavlink_forgery and mavlink_peers.
+"""
+
+import random
+import shutil
+from contextlib import ExitStack
+from pathlib import Path
+
+from tools.bench.mavlink_forgery import attacks, trial
+from tools.bench.mavlink_peers import KINDS, Hour
+from tools.fieldwork.peers import Peers, dissected, has_wireshark
+
+ATTACKS = ("another key, 50 years ahead", "our key, an hour ahead")  # the others: the bench, and tests/station
+TOLD_TWICE = 2  # what is on its way when the counting begins and ends
+
+
+def test_no_forged_or_replayed_command_is_acted_on_and_the_operator_is_still_obeyed(tmp_path: Path) -> None:
+    chance = random.Random(4)
+    with trial(tmp_path) as one:
+        for name in ATTACKS:
+            one.attack(name, 10, attacks(chance)[name])
+        one.attack("replayed, on either line", 10, lambda _: chance.choice(one.obeyed))
+        one.restart()
+        one.attack("replayed after a restart", 10, lambda _: chance.choice(one.obeyed))
+        items = {item["name"]: item for item in one.base.status()["health"]["items"]}
+        assert one.failures == 0, "see the table above"
+        assert items["mavlink commands"]["level"] == "warn"
+
+
+def test_who_starts_an_hour_after_the_base_takes_what_it_signs(tmp_path: Path) -> None:
+    found = shutil.which("mavproxy.py")  # counted too where it is installed; stock pymavlink always
+    peers = Peers(Path(found).parents[1] if found else Path("nowhere"), tmp_path)
+    with ExitStack() as stack:
+        hour = Hour(stack, peers, tmp_path)
+        taken, stock = hour.measure(5.0)
+        sent = taken["sent"]
+        assert sent["TARGET_TRACK_ECEF"] > 40, "the base tracks"
+        assert taken["pymavlink, stock"]["BAD_DATA"] == 0
+        for kind in KINDS:
+            assert abs(taken["pymavlink, stock"][kind] - sent[kind]) <= TOLD_TWICE, kind
+        if found:
+            for kind in KINDS[:3]:
+                assert abs(taken["MAVProxy"][kind] - sent[kind]) <= TOLD_TWICE, kind
+                assert taken["stranger"][kind] == 0, "MAVProxy with another key"
+            assert taken["MAVProxy"]["others"] == 0 < stock, "a sender that does not refresh its time"
+        datagrams = list(hour.tap.datagrams)
+    if has_wireshark():
+        shown = dissected(datagrams, tmp_path)
+        assert shown["45000"] >= 20
+        assert sum(shown.values()) == len(datagrams), "Wireshark reads every frame"

@@ -1,0 +1,123 @@
+"""A real base-station process on this machine, with boxes that are played to it: what benches of its outputs need."""
+
+import hashlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import tomli_w
+
+from calib.station.memory import Keeper
+from edge.link import Link
+from edge.link_profile import LinkSettings
+from tools.bench.station_feed import feed
+from tools.bench.station_messages import SITE, Sent, messages
+from tools.bench.station_scenes import ORIGIN, Scene, Spec, make
+
+ROOT: Final = Path(__file__).parents[2]
+SPEC: Final = Spec(cameras=3, uavs=1, rate_hz=15.0, duration_s=120.0)
+STARTS_WITHIN_S: Final = 60.0  # on a busy machine
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    """A port of 127.0.0.1 that nobody has."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def key_of(passphrase: str) -> bytes:
+    """The signing key that ground stations make of a passphrase."""
+    return hashlib.sha256(passphrase.encode()).digest()
+
+
+class Base:
+    """One base with a stored network and the MAVLink endpoints given; system id 1, as its operator's vehicle."""
+
+    def __init__(self, folder: Path, endpoints: Sequence[dict[str, Any]], *, passphrase: str = "") -> None:
+        """endpoints: of base.toml. passphrase: if given, each endpoint signs with its key."""
+        self.folder = folder
+        self.zenoh = f"tcp/127.0.0.1:{free_port()}"
+        self.http = free_port()
+        signing = {"signing_key": "mavlink.key"} if passphrase else {}
+        config = {
+            "state_folder": "state",
+            "site": {"name": SITE, "origin": list(ORIGIN), "undulation_m": 47.0},
+            "camera": [{"id": f"cam{k}"} for k in range(SPEC.cameras)],
+            "link": {"listen": [self.zenoh]},
+            "mavlink": {"system_id": 1, "endpoint": [dict(endpoint) | signing for endpoint in endpoints]},
+            "status": {"port": self.http, "page": False},
+        }
+        (folder / "base.toml").write_text(tomli_w.dumps(config))
+        if passphrase:
+            (folder / "mavlink.key").touch(0o600)
+            (folder / "mavlink.key").write_text(key_of(passphrase).hex())
+        (folder / "state").mkdir(exist_ok=True)
+        with Keeper(folder / "state") as keeper:
+            keeper.store_network(make(SPEC).network)
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def start(self, *, behind_s: float = 0.0) -> None:
+        """Start it (again) and wait until it answers. behind_s: how late its clock is until `set_clock`."""
+        command = [sys.executable, "-m", "tools.fieldwork.late_clock", str(behind_s), "run"]
+        with (self.folder / "base.log").open("ab") as log:
+            self.process = subprocess.Popen(
+                [*command, "--config", str(self.folder / "base.toml")], cwd=ROOT, stderr=log, env=os.environ
+            )
+        deadline = time.monotonic() + STARTS_WITHIN_S
+        while not self.status():
+            if time.monotonic() > deadline or self.process.poll() is not None:
+                raise SystemExit(f"the base does not come up:\n{(self.folder / 'base.log').read_text()}")
+            time.sleep(0.1)
+
+    def set_clock(self) -> None:
+        """Set a late clock right."""
+        assert self.process is not None
+        self.process.send_signal(signal.SIGUSR1)
+
+    def status(self) -> dict[str, Any]:
+        """/status.json; empty while there is none."""
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{self.http}/status.json", timeout=2) as told:
+                return dict(json.load(told))
+        except (urllib.error.URLError, OSError, ValueError):
+            return {}
+
+    def kill(self) -> None:
+        """kill -9, if it runs."""
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+
+    @contextmanager
+    def boxes(self) -> Iterator[Scene]:
+        """Boxes that say what the scene's cameras see, in real time, for up to two minutes."""
+        scene = make(SPEC)
+        ready = list(messages(scene))
+        stop = threading.Event()
+
+        def until_stopped() -> Iterator[Sent]:
+            for message in ready:
+                if stop.is_set():
+                    return
+                yield message
+
+        with Link(LinkSettings(connect=(self.zenoh,)), name="boxes") as link:
+            thread = threading.Thread(target=lambda: feed(link, until_stopped()))
+            thread.start()
+            try:
+                yield scene
+            finally:
+                stop.set()
+                thread.join()
