@@ -9,6 +9,7 @@ Pixel origin: the centre of the top-left pixel. Ray: (x, y) with z = 1, x right,
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 NEWTON_STEPS: Final = 60  # a damped step may be short near the fold; 8 suffice elsewhere
 CONVERGED_RAY: Final = 1e-12  # ray units: 1e-9 px at 1000 px focal length
 LONGEST_STEP_RAY: Final = 0.25  # ray units a step: keeps Newton on the branch that holds the optical axis
+REACH_MARGIN: Final = 1.1  # the fold is looked for along one axis; decentring moves it by a few per cent
 COEFFICIENTS: Final = {"radtan": (4, 5, 8), "fisheye": (4,)}
 
 
@@ -89,17 +91,35 @@ def pixel_to_ray(lens: LensModel, pixels: Array) -> Array:
     target = (np.asarray(pixels, float).reshape(-1, 2) - (cx, cy)) / (fx, fy)
     if not any(lens.distortion) and lens.model == "radtan":
         return target
-    rays = _first_guess(lens, target)
+    beyond = np.hypot(target[:, 0], target[:, 1]) > _reach(lens)
+    rays = _first_guess(lens, np.where(beyond[:, None], 0.0, target))
+    return np.where(beyond[:, None], np.nan, _newton(lens, rays, np.where(beyond[:, None], 0.0, target)))
+
+
+def _newton(lens: LensModel, rays: Array, target: Array) -> Array:
+    """Rays (N, 2) whose distorted place is the target (N, 2); NaN where none is reached from those to begin with."""
     for _ in range(NEWTON_STEPS):
         at = distort(lens, rays)
         step = _solve_2x2(at.by_ray, target - at.xy)
-        length = np.linalg.norm(step, axis=1, keepdims=True)
-        rays = rays + step * np.minimum(1.0, LONGEST_STEP_RAY / np.maximum(length, CONVERGED_RAY))
+        length = np.hypot(step[:, 0], step[:, 1])[:, None]
         if not np.any(length > CONVERGED_RAY):
             break
-    at = distort(lens, rays)
+        rays = rays + step * np.minimum(1.0, LONGEST_STEP_RAY / np.maximum(length, CONVERGED_RAY))
+    else:
+        at = distort(lens, rays)
     wrong = ~(np.abs(at.xy - target).max(axis=1) < 1e-9) | ~(np.linalg.det(at.by_ray) > 0)
     return np.where(wrong[:, None], np.nan, rays)
+
+
+@lru_cache(maxsize=64)
+def _reach(lens: LensModel) -> float:
+    """How far from the axis, in distorted units, any ray can fall: what is beyond need not be searched for."""
+    rays = np.concatenate([np.linspace(0, 3, 601)[1:], np.geomspace(3, 1e3, 400)])
+    along = distort(lens, np.stack([rays, np.zeros_like(rays)], axis=1))
+    folded = np.flatnonzero(along.by_ray[:, 0, 0] <= 0)
+    if not len(folded):
+        return np.inf
+    return REACH_MARGIN * float(along.xy[: folded[0] + 1, 0].max()) + REACH_MARGIN - 1
 
 
 def _first_guess(lens: LensModel, target: Array) -> Array:

@@ -52,13 +52,18 @@ class StackNet:
 
     def run(self, stack: NDArray[np.uint8], score_min: float) -> list[Detections]:
         """What is in each image of `(B, H, W, 3)`, in its own pixels."""
+        found, index = self.run_together(stack, score_min)
+        return [found.where(index == k) for k in range(len(stack))]
+
+    def run_together(self, stack: NDArray[np.uint8], score_min: float) -> tuple[Detections, NDArray[np.intp]]:
+        """What is in the images of `(B, H, W, 3)`, and the number of the image `(N,)` each is in."""
         results = self._model.run({self._input: stack})
         boxes, scores, classes, sigma = (results[index] for index in self._order)
         if boxes.ndim != 3 or boxes.shape[2] != 4 or scores.shape != boxes.shape[:2] or sigma.shape != scores.shape:
             shapes = [value.shape for value in results]
             raise ModelError(f"answers with shapes {shapes}", where=self._model.path, action="export it again")
         usable = (scores >= score_min) & np.isfinite(boxes).all(axis=2) & np.isfinite(scores)
-        return [_rows(*(value[k][usable[k]] for value in (boxes, scores, classes, sigma))) for k in range(len(stack))]
+        return _rows(*(value[usable] for value in (boxes, scores, classes, sigma))), np.nonzero(usable)[0]
 
 
 def _rows(boxes: NDArray[Any], scores: NDArray[Any], classes: NDArray[Any], sigma: NDArray[Any]) -> Detections:

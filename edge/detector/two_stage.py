@@ -11,8 +11,8 @@ import numpy as np
 
 from edge.capture.frame import Frame, Image
 from edge.config import DetectorConfig
-from edge.detector.crops import Crop, choose, cut, whole
-from edge.detector.detections import Array, Detections, together
+from edge.detector.crops import Crop, choose, cut, in_frame
+from edge.detector.detections import Array, Detections, nothing
 from edge.detector.history import History
 from edge.detector.motion import NO_BLOBS, MotionDetector
 from edge.detector.nms import suppress
@@ -63,10 +63,9 @@ class TwoStage:
 
     def _judge(self, frame: Frame, images: list[Image], crops: list[Crop]) -> Detections:
         if not crops:
-            return together([], len(self.class_names))
-        found = self._net.run(cut(images, crops), self._config.score_min)
-        parts = [_in_frame(part, crop, frame.size_px) for part, crop in zip(found, crops, strict=True)]
-        merged = together(parts, len(self.class_names))
+            return nothing(len(self.class_names))
+        found, index = self._net.run_together(cut(images, crops), self._config.score_min)
+        merged = in_frame(found, crops, index, frame.size_px)
         keep = suppress(merged.centre_px, merged.size_px, merged.score, SAME_OBJECT_IOU)
         return merged.where(keep[: self._config.max_detections])
 
@@ -77,14 +76,3 @@ class TwoStage:
     def close(self) -> None:
         """End the scanning thread."""
         self._scanner.close()
-
-
-def _in_frame(part: Detections, crop: Crop, frame_px: tuple[int, int]) -> Detections:
-    part = part.where(whole(part.centre_px, crop, frame_px))
-    return Detections(
-        crop.to_frame(part.centre_px),
-        part.size_px * crop.reduction,
-        part.score,
-        part.sigma_px * crop.reduction,
-        part.classes,
-    )

@@ -13,6 +13,7 @@ import logging
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -33,7 +34,8 @@ from tools.train.yolo import all_classes, read_folder, read_names
 STEPS = 26000  # of 32 samples: 45 minutes on a quiet CPU; the losses still fall, but slowly
 SCENES = 120  # rendered: about 1700 patches and 1400 backgrounds, a fifth of what the clips give
 SIGMA_SCENES = 150  # rendered, for the calibration of sigma
-STAGES = (0.25, 0.3, 0.45)  # of the steps; before the second and third, backgrounds are weighed by how they fool it
+STAGES = (0.25, 0.3, 0.45)  # of the steps: a net that knows nothing yet cannot say which backgrounds are hard
+FOOLED = 0.25  # weight of a background from which it counts as a hard one in the log
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -93,14 +95,7 @@ def run(options: argparse.Namespace) -> None:
     net = SkyNet(len(classes))
     if options.begin:
         net.load_state_dict(torch.load(options.begin, weights_only=True))
-    composer = Composer(material, options.seed)
-    for share in STAGES:
-        if share != STAGES[0] and material.backgrounds:
-            weights, spots = weigh_backgrounds(net, material.backgrounds)
-            log("%d backgrounds fool it, %d hold an unlabelled object", (weights > 0.25).sum(), (weights == 0).sum())
-            composer.prefer_backgrounds(weights, spots)
-        schedule = Schedule(max(int(options.steps * share), 1), options.minutes * 60 * share, rate=options.rate)
-        net = train(net, composer, schedule, watch)
+    net = teach(net, material, options, watch)
     found = find_measured(net, Composer(material, options.seed + 1), SIGMA_SCENES)
     sigma = fit_sigma(found)
     before, after = found.normalised(SigmaFit()), found.normalised(sigma)
@@ -108,21 +103,52 @@ def run(options: argparse.Namespace) -> None:
         "sigma: normalised error %.2f, calibrated %.2f, over %d objects: %s", before, after, len(found.log_sigma), sigma
     )
     torch.save(net.state_dict(), weights)
-    export(net, sigma, options.out, About(classes, options.origin, options.seed), Composer(material, options.seed + 2))
+    export(
+        net,
+        sigma,
+        options.out,
+        About(classes, options.origin or origin(options), options.seed),
+        Composer(material, options.seed + 2),
+    )
+
+
+def teach(net: SkyNet, material: Material, options: argparse.Namespace, watch: Callable[[SkyNet, str], None]) -> SkyNet:
+    """Train in stages; before each but the first, backgrounds are weighed by how they fool what has been learned."""
+    composer = Composer(material, options.seed)
+    for number, share in enumerate(STAGES):
+        if number and material.backgrounds:
+            liking, spots = weigh_backgrounds(net, material.backgrounds)
+            told = "%d of the backgrounds fool it, %d hold an object without a label"
+            logging.getLogger("train").info(told, (liking > FOOLED).sum(), (liking == 0).sum())
+            composer.prefer_backgrounds(liking, spots)
+        schedule = Schedule(max(int(options.steps * share), 1), options.minutes * 60 * share, rate=options.rate)
+        net = train(net, composer, schedule, watch)
+    return net
 
 
 def gather(options: argparse.Namespace) -> Material:
     """Training material of the folders given. Test clips are not opened."""
     random = np.random.default_rng(options.seed)
     material = Material()
-    if options.clips:
-        for clip in read_split(options.clips, "train"):
-            if not any(fnmatch.fnmatch(clip, pattern) for pattern in options.hold_out):
-                material.add(read_clip(options.clips, clip, random))
+    for clip in clips(options):
+        material.add(read_clip(options.clips, clip, random))
     material.add(render_material(options.scenes, random))
     if options.yolo:
         material.add(read_folder(options.yolo, options.step, random))
     return material
+
+
+def clips(options: argparse.Namespace) -> list[str]:
+    """The training clips not held out."""
+    names = read_split(options.clips, "train") if options.clips else []
+    return [clip for clip in names if not any(fnmatch.fnmatch(clip, pattern) for pattern in options.hold_out)]
+
+
+def origin(options: argparse.Namespace) -> str:
+    """What a model was trained on, in one sentence: for its own note, where the user gives no other."""
+    filmed = f"{len(clips(options))} training clips of {options.clips.name}, " if options.clips else ""
+    own = f"the pictures of {options.yolo.name}, " if options.yolo else ""
+    return f"{filmed}{own}{options.scenes} rendered scenes, drawn silhouettes, skies and foliage"
 
 
 if __name__ == "__main__":
