@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from calib.station.sequence import Sequence
 from calib.station.stream_clock import AHEAD_S, NS, StreamClock
 from calib.targets import Frame
 from edge.errors import LensError, MessageError
@@ -20,8 +21,20 @@ from edge.messages import Fix, Health, Lens, Tracks, decode
 
 OUTSIDE: Final = 0.05  # of the image's size: a box may reach over the edge by so much, a pixel farther is absurd
 FAULT_SHOWN_NS: Final = 10 * NS  # arrival time a fault is shown after it was last seen
-TWINS_NS: Final = 20 * NS  # arrival time within which two boxes taking turns are noticed
 PATIENCE_NS: Final = 10 * NS  # after the start, before a camera that was never heard of is an alarm
+# Why a message is not believed by its numbers alone: name, reason, action.
+DISBELIEVED: Final = {
+    "earlier": (
+        "twins",
+        "two boxes send under this name, or somebody repeats what it said in an earlier start",
+        "give each box its own camera id; if they have, its certificate is in wrong hands (deploy/certs revoke)",
+    ),
+    "leapt": (
+        "leapt",
+        "its numbers leapt farther than a box can count",
+        "restart the box; if it goes on, somebody else sends under its name",
+    ),
+}
 FLOOD: Final = 60  # detections a frame, on average: more is a detector gone wild, not a sky full of objects
 
 
@@ -39,10 +52,7 @@ class CameraIntake:
     clock_bound_s: float | None = None
     last_ns: int | None = None
     last_stamp: int = 0
-    epoch: int | None = None
-    old_epoch: int | None = None
-    epoch_ns: int = 0
-    next_seq: int = 0
+    sequence: Sequence = field(default_factory=Sequence)
     clock_sets: int = 0  # how often its time went back by more than a jitter
     detections: float = 0.0  # a frame, smoothed
     counters: Counter[str] = field(default_factory=Counter)
@@ -56,6 +66,16 @@ class CameraIntake:
     def online(self, now_ns: int, stale_s: float) -> bool:
         """Whether frames come."""
         return self.last_ns is not None and now_ns - self.last_ns < stale_s * NS
+
+    @property
+    def epoch(self) -> int | None:
+        """Which start of the box is believed; None before the first message."""
+        return self.sequence.epoch
+
+    @property
+    def next_seq(self) -> int:
+        """The number expected next."""
+        return self.sequence.next_seq
 
     @property
     def flooded(self) -> bool:
@@ -87,7 +107,7 @@ class Intake:
         except MessageError as error:
             camera.fault("undecodable", error.what, error.action, now_ns)
             return None
-        if not self._in_order(camera, tracks, now_ns) or not self._timely(camera, tracks.t_unix_ns, now_ns):
+        if not self._believed(camera, tracks, now_ns):
             return None
         camera.last_ns, camera.last_stamp = now_ns, tracks.t_unix_ns
         camera.size_px, camera.readout_s, camera.clock_bound_s = tracks.size_px, tracks.readout_s, tracks.clock_bound_s
@@ -98,40 +118,50 @@ class Intake:
             return None
         return self._measurements(camera, tracks, now_ns)
 
-    def _in_order(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> bool:
-        if tracks.epoch != camera.epoch:
-            if tracks.epoch == camera.old_epoch and now_ns - camera.epoch_ns < TWINS_NS:
-                camera.fault("twins", "two boxes send under this name", "give each box its own camera id", now_ns)
-                return False
-            camera.old_epoch, camera.epoch, camera.epoch_ns = camera.epoch, tracks.epoch, now_ns
-            camera.clock_sets += tracks.t_unix_ns <= camera.last_stamp
-            camera.next_seq, camera.last_stamp = tracks.seq, 0
-            camera.counters["starts"] += 1
-        if tracks.seq < camera.next_seq:
+    def _believed(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> bool:
+        """Whether a message is this camera's next one; only then does anything that is known of the camera move."""
+        verdict = camera.sequence.judge(tracks.epoch, tracks.seq, now_ns)
+        if verdict == "repeated":
             camera.counters["repeated"] += 1
             return False
-        camera.counters["missed"] += tracks.seq - camera.next_seq
-        camera.next_seq = tracks.seq + 1
+        if verdict in ("earlier", "leapt"):
+            camera.fault(*DISBELIEVED[verdict], now_ns)
+            return False
+        if not (tracks.late or self._timely(camera, tracks.t_unix_ns, now_ns, behind_too=verdict == "start")):
+            return False
+        camera.counters["missed"] += camera.sequence.take(tracks.epoch, tracks.seq, now_ns)
+        if verdict == "start":
+            camera.counters["starts"] += 1
+            camera.clock_sets += tracks.t_unix_ns <= camera.last_stamp
+            camera.last_stamp = 0
         if tracks.late:
             camera.counters["late"] += 1  # recorded for `solve`; live, a past frame is past
             return False
-        if tracks.t_unix_ns <= camera.last_stamp:
-            back_s = (camera.last_stamp - tracks.t_unix_ns) / NS
-            camera.fault("backwards", f"its time went back {back_s:.3f} s", "look at the box's clock (chrony)", now_ns)
-            if back_s < AHEAD_S:
-                return False
-            camera.clock_sets += 1  # the clock was set: go on from there, the calibration will say by how much
-        return True
+        return self._onward(camera, tracks.t_unix_ns, now_ns)
 
-    def _timely(self, camera: CameraIntake, t_unix_ns: int, now_ns: int) -> bool:
-        ahead_s = self.clock.hear(camera.id, t_unix_ns, now_ns)
+    def _timely(self, camera: CameraIntake, t_unix_ns: int, now_ns: int, *, behind_too: bool) -> bool:
+        """Whether a stamp goes with the other cameras'. behind_too: a start has no stamps of its own to go on from."""
+        ahead_s = self.clock.ahead_s(camera.id, t_unix_ns, now_ns)
         online = sum(other.online(now_ns, 5.0) for other in self.cameras.values() if other is not camera)
-        if ahead_s > AHEAD_S and online >= 2:
-            self.clock.forget(camera.id)
-            camera.last_ns = now_ns
-            fault = f"its times are {ahead_s:.1f} s in the future of the other cameras'"
-            camera.fault("future", fault, "set the box's clock (chrony); its frames are left out", now_ns)
+        if online < 2 or not (ahead_s > AHEAD_S or (behind_too and ahead_s < -AHEAD_S)):
+            self.clock.hear(camera.id, t_unix_ns, now_ns)
+            return True
+        camera.last_ns = now_ns
+        where = "in the future of" if ahead_s > 0 else "behind"
+        fault = f"its times are {abs(ahead_s):.1f} s {where} the other cameras'"
+        name = "future" if ahead_s > 0 else "past"
+        camera.fault(name, fault, "set the box's clock (chrony); its frames are left out", now_ns)
+        return False
+
+    def _onward(self, camera: CameraIntake, t_unix_ns: int, now_ns: int) -> bool:
+        """Whether a camera's time goes on; set back by far, it goes on from there, and is counted."""
+        if t_unix_ns > camera.last_stamp:
+            return True
+        back_s = (camera.last_stamp - t_unix_ns) / NS
+        camera.fault("backwards", f"its time went back {back_s:.3f} s", "look at the box's clock (chrony)", now_ns)
+        if back_s < AHEAD_S:
             return False
+        camera.clock_sets += 1  # the calibration will say by how much
         return True
 
     def _measurements(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> Frame:

@@ -21,16 +21,14 @@ class StreamClock:
     def __init__(self) -> None:
         self._offsets: dict[str, tuple[int, int]] = {}  # camera: stamp minus arrival, when heard
 
-    def hear(self, camera: str, t_unix_ns: int, now_ns: int) -> float:
-        """Take a frame's stamp; returns by how many seconds this camera is ahead of the others (negative: behind)."""
-        offset = t_unix_ns - now_ns
-        self._offsets[camera] = (offset, now_ns)
+    def ahead_s(self, camera: str, t_unix_ns: int, now_ns: int) -> float:
+        """By how many seconds a frame's stamp is ahead of the other cameras' (negative: behind); 0 without others."""
         others = self._lately(now_ns, but=camera)
-        return (offset - median_low(others)) / NS if others else 0.0
+        return (t_unix_ns - now_ns - median_low(others)) / NS if others else 0.0
 
-    def forget(self, camera: str) -> None:
-        """A camera's stamps are not to be believed."""
-        self._offsets.pop(camera, None)
+    def hear(self, camera: str, t_unix_ns: int, now_ns: int) -> None:
+        """Take the stamp of a frame that is believed."""
+        self._offsets[camera] = (t_unix_ns - now_ns, now_ns)
 
     def now_unix_ns(self, now_ns: int) -> int | None:
         """The instant of the data at an instant of the arrival clock; None before any frame came."""
