@@ -75,12 +75,16 @@ class SkyNet(nn.Module):  # type: ignore[misc]
         with torch.no_grad():
             self.head.bias[0] = HEAT_PRIOR_LOGIT
 
-    def forward(self, x: Tensor) -> Tensor:
+    def features(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """What the heads read: `(B, 48, H/4, W/4)` for where, `(B, 64, H/8, W/8)` for what."""
         fine = self.fine(x)
         middle = self.middle(fine)
         coarse = self.coarse_to_middle(self.coarse(middle))
         middle = middle + functional.interpolate(coarse, size=middle.shape[2:], mode="nearest")
         fine = fine + functional.interpolate(self.middle_to_fine(middle), size=fine.shape[2:], mode="nearest")
-        where = self.head(self.neck(fine))
-        kind = functional.interpolate(self.kind(middle), size=fine.shape[2:], mode="nearest")
-        return torch.cat([where, kind], dim=1)
+        return self.neck(fine), self.kind[0](middle)
+
+    def forward(self, x: Tensor) -> Tensor:
+        fine, middle = self.features(x)
+        kind = functional.interpolate(self.kind[1](middle), size=fine.shape[2:], mode="nearest")
+        return torch.cat([self.head(fine), kind], dim=1)

@@ -24,7 +24,9 @@ def take_bytes(path: Path, about: dict[str, Any]) -> None:
     graph = model.graph
     kept = _without_own_quantising(list(graph.node))
     del graph.node[:]
-    graph.node.extend([*_cells(graph), *kept])
+    nodes = [*_cells(graph), *kept]
+    _shapes_of_bytes(nodes)
+    graph.node.extend(nodes)
     used = {name for node in graph.node for name in node.input}
     initializers = [value for value in graph.initializer if value.name in used]
     del graph.initializer[:]
@@ -66,3 +68,11 @@ def _without_own_quantising(nodes: list[onnx.NodeProto]) -> list[onnx.NodeProto]
             node.input[k] = renamed.get(name, name)
         kept.append(node)
     return kept
+
+
+def _shapes_of_bytes(nodes: list[onnx.NodeProto]) -> None:
+    """Ask bytes for their shape, not the floats made of them: those would be made for nothing else."""
+    bytes_of = {node.output[0]: node.input[0] for node in nodes if node.op_type == "DequantizeLinear"}
+    for node in nodes:
+        if node.op_type == "Shape":
+            node.input[0] = bytes_of.get(node.input[0], node.input[0])

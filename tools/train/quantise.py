@@ -19,7 +19,14 @@ from tools.train.ports import FLOAT_INPUT
 
 CALIBRATION_BATCHES: Final = 12
 BATCH: Final = 32
-HEADS: Final = ("/net/head/Conv", "/net/kind/kind.1/Conv")  # their outputs are coordinates and logits: float
+FEATURES: Final = ("neck.2/Relu", "kind.0.2/Relu")  # how the nodes end that make what the heads are computed from
+CARRIES: Final = (
+    "Transpose",
+    "Reshape",
+    "Flatten",
+    "Gather",
+)  # from features to heads: bytes are cheaper carried than floats
+HEAD: Final = "MatMul"  # its inputs are in 8 bits, its outputs, coordinates and logits, in float
 
 
 class _Samples(CalibrationDataReader):  # type: ignore[misc]
@@ -35,19 +42,25 @@ class _Samples(CalibrationDataReader):  # type: ignore[misc]
 
 
 def body(graph: onnx.GraphProto) -> list[str]:
-    """Names of the nodes to quantise: all that the heads are computed from, but not the heads."""
+    """Names of the nodes to quantise: the convolutions, what carries their results to the heads, and heat."""
     maker = {output: node for node in graph.node for output in node.output}
-    heads = [node for node in graph.node if node.name in HEADS]
-    if len(heads) != len(HEADS):
-        raise ValueError(f"expected the nodes {HEADS}, found {[node.name for node in heads]}")
-    waiting = [name for head in heads for name in head.input]
+    features = [node for node in graph.node if node.name.endswith(FEATURES)]
+    if len(features) != len(FEATURES):
+        raise ValueError(f"expected the nodes .../{FEATURES}, found {[node.name for node in features]}")
+    waiting = [name for node in features for name in node.output]
     found: dict[str, None] = {}
     while waiting:
         node = maker.get(waiting.pop())
         if node is not None and node.name not in found:
             found[node.name] = None
             waiting += node.input
-    return list(found)
+    carried = {name for node in features for name in node.output}
+    for node in graph.node:
+        if node.op_type in CARRIES and node.input[0] in carried:
+            found[node.name] = None
+            carried.update(node.output)
+    heat = next(node for node in graph.node if node.op_type == HEAD and node.input[0] in carried)
+    return [*found, heat.name]
 
 
 def quantise(source: Path, target: Path, composer: Composer) -> None:
@@ -65,4 +78,5 @@ def quantise(source: Path, target: Path, composer: Composer) -> None:
             per_channel=True,
             nodes_to_quantize=body(onnx.load(str(ready)).graph),
             calibrate_method=CalibrationMethod.MinMax,
+            extra_options={"OpTypesToExcludeOutputQuantization": [HEAD]},
         )
