@@ -197,6 +197,9 @@ def load_lens(camera: CameraConfig, config_file: Path) -> LensModel:
     numbers = camera.lens
     if isinstance(numbers, str):
         file = config_file.parent / numbers
+        if not file.exists():
+            measure = f"measure the lens: edge-node lens PHOTOS... --board 9x6 -o {file}"
+            raise ConfigError("no such lens file", where=where, action=f"{measure}, or give a [camera.lens] table")
         where, numbers = str(file), load(file, LensConfig)
     try:
         return LensModel(

@@ -60,6 +60,13 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
         load_box(tmp_path / "none.toml")
 
 
+def test_a_lens_not_yet_measured_is_said_with_how_to_measure_it(tmp_path: Path) -> None:
+    head, _ = GOOD.split("lens =")
+    with pytest.raises(ConfigError, match="no such lens file") as caught:
+        load_box(write(tmp_path, head + 'lens = "a.toml"\n'))
+    assert f"edge-node lens PHOTOS... --board 9x6 -o {tmp_path / 'a.toml'}" in caught.value.action
+
+
 def test_lens_file_is_looked_for_beside_the_configuration(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text(
         'model = "radtan"\nintrinsics = [9, 9, 3, 2]\ndistortion = [0, 0, 0, 0]\nsize_px = [7, 5]\n'
