@@ -6,7 +6,9 @@ calibrated with it. This is a Schmidt-Kalman filter (Schmidt 1966): the poses ar
 state's error hangs together with theirs is carried along, so that what rays share never averages away. When the
 network is exchanged, the same correlation says how each state moves with it, and tracking goes on without a jump.
 
-A ray that comes late updates the state where it stands, by way of the state taken back to the ray's own time.
+A ray that comes late updates the state where it stands, by way of the state taken back to the ray's own time. One that
+moves its target far, as the second camera does after a stretch with one alone, is linearised again where it moved it to
+(Bell and Cathey 1993): a straight line drawn through the wrong point ends in a sure and false position.
 """
 
 from dataclasses import dataclass, field
@@ -18,12 +20,15 @@ from numpy.typing import NDArray
 
 from calib.motion import STATE, Singer
 from calib.network import POSE_SIZE, Network
-from calib.sighting import Sighting
+from calib.sighting import Sighting, View
 from edge.lens import Array
 
 VIGOUR: Final = (0.02, 4.0)  # of a target: a balloon to a hawk, against the motion model's variance
 AWAKES_S: Final = 0.5  # s: how soon a target that begins to turn is believed
 CALMS_S: Final = 5.0  # s: how long one that flies straight is still expected to turn
+UNWATCHED: Final = 1.0  # least vigour of a target whose range nobody measures: no camera would see it turn
+FAR: Final = 0.01  # of the range: a step beyond which a pixel no longer follows its tangent, 0.1 px at f = 1000
+LOOKS: Final = 4  # linearisations at most
 
 
 @dataclass(frozen=True)
@@ -66,11 +71,73 @@ class Rays:
         return Rays(self.pixels[which], self.after_s[which], self.sigma_px[which])
 
 
+@dataclass(frozen=True)
+class Look:
+    """One camera's rays, and how it should see the targets they are of: the view, by number, and the sighting there."""
+
+    camera: int
+    view: View
+    sighting: Sighting
+    rays: Rays
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A tangent to the projection: H (K, 2, 9), by_pose (K, 2, 6), what it makes of the states' covariances."""
+
+    H: Array
+    by_pose: Array
+    with_poses: Array
+    inverse: Array
+    gain_there: Array
+    innovation: Array
+    about: Array
+
+
+@dataclass(frozen=True)
+class _Before:
+    """What is known of K targets at the instant of a ray, and of the poses. poses: (6, 6 C) rows of that camera's."""
+
+    state: Array
+    covariance: Array
+    with_poses: Array
+    poses: Array
+    at: slice
+
+    @classmethod
+    def of(cls, prediction: Prediction, which: NDArray[np.intp], poses: Array, at: slice) -> "_Before":
+        """Targets `which` of a prediction."""
+        return cls(prediction.state[which], prediction.covariance[which], prediction.with_poses[which], poses, at)
+
+    def linearised(self, seen: Sighting, rays: Rays, about: Array | None = None) -> _Line:
+        """The tangent at a sighting of states about (K, 9): by default the predicted ones."""
+        about = self.state if about is None else about
+        H = np.zeros((len(about), 2, STATE))
+        H[:, :, :3] = seen.by_point
+        H[:, :, 3:6] = seen.by_point * rays.after_s[:, None, None]
+        with_poses = np.matmul(H, self.with_poses) + np.matmul(seen.by_pose, self.poses)
+        there = np.matmul(self.covariance, H.transpose(0, 2, 1))
+        there += np.matmul(self.with_poses[:, :, self.at], seen.by_pose.transpose(0, 2, 1))
+        S = np.matmul(H, there) + np.matmul(with_poses[:, :, self.at], seen.by_pose.transpose(0, 2, 1))
+        S += np.eye(2) * (rays.sigma_px**2)[:, None, None]
+        inverse = np.linalg.inv(S)
+        drift = np.matmul(seen.by_point, about[:, 3:6, None])[:, :, 0]
+        innovation = rays.pixels - seen.pixels - drift * rays.after_s[:, None]
+        innovation -= np.matmul(H, (self.state - about)[:, :, None])[:, :, 0]
+        return _Line(H, seen.by_pose, with_poses, inverse, np.matmul(there, inverse), innovation, about)
+
+    def far(self, line: _Line, after: Array, centre_enu: Array) -> bool:
+        """Whether any target has moved too far from where the tangent touches."""
+        step = np.linalg.norm(after[:, :3] - line.about[:, :3], axis=1)
+        return bool((step > FAR * np.linalg.norm(line.about[:, :3] - centre_enu, axis=1)).any())
+
+
 @dataclass
 class FilterBank:
     """States (N, 9), covariances (N, 9, 9), covariances with the poses (N, 9, 6 C) and times (N,) of all targets.
 
     vigour: (N,) variance of each target's acceleration against the motion model's, learnt from its own flight.
+    watched: (N,) whether two cameras look at it now, so that its range is measured.
     """
 
     network: Network
@@ -80,12 +147,18 @@ class FilterBank:
     with_poses: Array = field(init=False)
     t_s: Array = field(default_factory=lambda: np.empty(0))
     vigour: Array = field(default_factory=lambda: np.empty(0))
+    watched: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
 
     def __post_init__(self) -> None:
         self.with_poses = np.empty((0, STATE, POSE_SIZE * len(self.network.cameras)))
 
     def __len__(self) -> int:
         return len(self.t_s)
+
+    @property
+    def expected_vigour(self) -> Array:
+        """(N,) what to expect of each target's acceleration: what it showed, unless nobody would see it change."""
+        return np.where(self.watched, self.vigour, np.maximum(self.vigour, UNWATCHED))
 
     def add(self, state: Array, covariance: Array, with_poses: Array, t_s: float) -> None:
         """Append one target."""
@@ -94,11 +167,13 @@ class FilterBank:
         self.with_poses = np.concatenate([self.with_poses, with_poses[None]])
         self.t_s = np.append(self.t_s, t_s)
         self.vigour = np.append(self.vigour, 1.0)
+        self.watched = np.append(self.watched, True)
 
     def keep(self, which: NDArray[np.bool_]) -> None:
         """Forget all targets but those of a boolean mask (N,)."""
         self.state, self.covariance = self.state[which], self.covariance[which]
-        self.with_poses, self.t_s, self.vigour = self.with_poses[which], self.t_s[which], self.vigour[which]
+        self.with_poses, self.t_s = self.with_poses[which], self.t_s[which]
+        self.vigour, self.watched = self.vigour[which], self.watched[which]
 
     def predict(self, t_s: float) -> Prediction:
         """All states at t_s, which may lie a little before them."""
@@ -107,7 +182,7 @@ class FilterBank:
         state = np.matmul(F, self.state[:, :, None])[:, :, 0]
         half = np.matmul(F, self.covariance)
         covariance = np.matmul(half, F.transpose(0, 2, 1))
-        covariance += self.motion.noise(dt_s) * self.vigour[:, None, None]
+        covariance += self.motion.noise(dt_s) * self.expected_vigour[:, None, None]
         with_poses = np.matmul(F, self.with_poses)
         if (dt_s >= 0).all():
             now = np.full(len(self), t_s)
@@ -135,40 +210,37 @@ class FilterBank:
         pose = np.matmul(pose, sighting.by_pose.transpose(0, 2, 1))
         return Expected(sighting, drift, seen + shared + shared.transpose(0, 2, 1) + pose)
 
-    def update(
-        self, prediction: Prediction, sighting: Sighting, camera: int, which: NDArray[np.intp], rays: Rays
-    ) -> Array:
+    def update(self, prediction: Prediction, which: NDArray[np.intp], look: "Look") -> Array:
         """Let targets `which` (K,) take one ray each.
 
         Returns each one's squared normalised innovation (K,), 2 degrees of freedom.
         """
-        at = slice(POSE_SIZE * camera, POSE_SIZE * (camera + 1))
-        by_point, by_pose = sighting.by_point[which], sighting.by_pose[which]
-        H = np.zeros((len(which), 2, STATE))
-        H[:, :, :3] = by_point
-        H[:, :, 3:6] = by_point * rays.after_s[:, None, None]
-        Ht, by_pose_t = H.transpose(0, 2, 1), by_pose.transpose(0, 2, 1)
-        with_poses = np.matmul(H, prediction.with_poses[which])
-        with_poses += np.matmul(by_pose, self.network.covariance[at])
-        in_pixels = np.matmul(prediction.cross[which], Ht)
-        in_pixels += np.matmul(prediction.base_with_poses[which][:, :, at], by_pose_t)
-        S = np.matmul(np.matmul(H, prediction.covariance[which]), Ht)
-        S += np.matmul(np.matmul(H, prediction.with_poses[which][:, :, at]), by_pose_t)
-        S += np.matmul(with_poses[:, :, at], by_pose_t)
-        S += np.eye(2) * (rays.sigma_px**2)[:, None, None]
-        inverse = np.linalg.inv(S)
-        gain = np.matmul(in_pixels, inverse)
-        drift = np.matmul(by_point, prediction.state[which, 3:6, None])[:, :, 0]
-        innovation = rays.pixels - sighting.pixels[which] - drift * rays.after_s[:, None]
+        at = slice(POSE_SIZE * look.camera, POSE_SIZE * (look.camera + 1))
+        before = _Before.of(prediction, which, self.network.covariance[at], at)
+        line = before.linearised(look.sighting, look.rays)
+        distance2: Array = np.einsum("ni,nij,nj->n", line.innovation, line.inverse, line.innovation)
+        for _ in range(1, LOOKS):
+            after = before.state + np.matmul(line.gain_there, line.innovation[:, :, None])[:, :, 0]
+            if not before.far(line, after, look.view.camera.centre_enu):
+                break
+            again = look.view.sight(after[:, :3])
+            if not again.valid.all():
+                break
+            line = before.linearised(again, look.rays, after)
+        self._take(prediction, which, before, line)
+        return distance2
+
+    def _take(self, prediction: Prediction, which: NDArray[np.intp], before: "_Before", line: "_Line") -> None:
         passed_s = prediction.base_t_s[which] - self.t_s[which]
+        in_pixels = np.matmul(prediction.cross[which], line.H.transpose(0, 2, 1))
+        in_pixels += np.matmul(prediction.base_with_poses[which][:, :, before.at], line.by_pose.transpose(0, 2, 1))
+        gain = np.matmul(in_pixels, line.inverse)
         self.t_s[which] = prediction.base_t_s[which]
-        self.state[which] = prediction.base_state[which] + np.matmul(gain, innovation[:, :, None])[:, :, 0]
+        self.state[which] = prediction.base_state[which] + np.matmul(gain, line.innovation[:, :, None])[:, :, 0]
         covariance = prediction.base_covariance[which] - np.matmul(gain, in_pixels.transpose(0, 2, 1))
         self.covariance[which] = (covariance + covariance.transpose(0, 2, 1)) / 2
-        self.with_poses[which] = prediction.base_with_poses[which] - np.matmul(gain, with_poses)
+        self.with_poses[which] = prediction.base_with_poses[which] - np.matmul(gain, line.with_poses)
         self._learn(which, passed_s)
-        distance2: Array = np.einsum("ni,nij,nj->n", innovation, inverse, innovation)
-        return distance2
 
     def _learn(self, which: NDArray[np.intp], passed_s: Array) -> None:
         """How hard each target manoeuvres: the expectation step of EM, forgetting (Dempster et al. 1977)."""

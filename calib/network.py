@@ -26,7 +26,8 @@ class Camera:
 
     R_cam_enu: (3, 3) takes ENU vectors to the camera frame (x right, y down, z forward). centre_enu: (3,) m.
     The site's time of a stamp t is t + clock_offset_s + clock_rate (t - t_mid) + readout_s v / H.
-    Raises CalibrationError if R_cam_enu is not a rotation.
+    sigma_px: one sigma of its pixels a coordinate as the adjustment found it, None if nobody did; correlated_s: for how
+    long an error of them lasts. Raises CalibrationError if R_cam_enu is not a rotation.
     """
 
     id: str
@@ -36,6 +37,8 @@ class Camera:
     clock_offset_s: float = 0.0
     clock_rate: float = 0.0
     readout_s: float = 0.0
+    sigma_px: float | None = None
+    correlated_s: float = 0.0
 
     def __post_init__(self) -> None:
         off = np.abs(self.R_cam_enu @ self.R_cam_enu.T - np.eye(3)).max()
@@ -120,7 +123,9 @@ def to_toml(network: Network) -> str:
             "intrinsics": list(c.lens.intrinsics),
             "distortion": list(c.lens.distortion),
             "lens_rms_px": c.lens.rms_px,
+            "correlated_s": c.correlated_s,
         }
+        | ({} if c.sigma_px is None else {"sigma_px": c.sigma_px})
         for c in network.cameras
     ]
     head = {
@@ -176,4 +181,6 @@ def _camera(entry: dict[str, object]) -> Camera:
         clock_offset_s=float(numbers("clock_offset_s")),
         clock_rate=float(numbers("clock_rate")),
         readout_s=float(numbers("readout_s")),
+        sigma_px=float(numbers("sigma_px")) if "sigma_px" in entry else None,
+        correlated_s=float(numbers("correlated_s")) if "correlated_s" in entry else 0.0,
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.network import POSE_SIZE, Camera
 from edge.lens import Array, distort, pixel_to_ray
@@ -24,6 +25,10 @@ class Sighting:
     by_point: Array
     by_pose: Array
     valid: np.ndarray
+
+    def chosen(self, which: NDArray[np.intp]) -> "Sighting":
+        """Those of indices (M,)."""
+        return Sighting(self.pixels[which], self.by_point[which], self.by_pose[which], self.valid[which])
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ errors that all positions share (the cameras') in it; every camera carries what 
 is named with the evidence.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -102,7 +102,11 @@ def network_of(
     adjusted: Adjusted, problem: Problem, site: str, origin: tuple[float, float, float], t_mid_unix_ns: int
 ) -> Network:
     """The calibrated network with the joint covariance of all poses."""
-    cameras = adjusted.estimate.cameras
+    weights = adjusted.weights
+    cameras = tuple(
+        replace(camera, sigma_px=float(sigma_px), correlated_s=weights.correlation_s)
+        for camera, sigma_px in zip(adjusted.estimate.cameras, weights.sigma_px, strict=True)
+    )
     pose = np.concatenate([CAMERA_SIZE * i + np.arange(POSE_SIZE) for i in range(len(cameras))])
     covariance = camera_covariance(adjusted, problem)[np.ix_(pose, pose)]
     return Network(site, origin, t_mid_unix_ns, cameras, covariance, rms_px(adjusted, problem))

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from calib.association import GATE, assign
 from calib.belief import Beliefs, Evidence
 from calib.birth import WINDOW_S, births
-from calib.filterbank import Expected, FilterBank, Rays
+from calib.filterbank import Expected, FilterBank, Look, Rays
 from calib.motion import Singer
 from calib.network import Network
+from calib.pixelbias import with_bias
 from calib.sighting import View
 from calib.tracklets import Limits, LooseRay, Newborn, tracklets
 from edge.lens import Array
@@ -88,7 +89,7 @@ class Tracker:
 
     def __init__(self, network: Network, options: TrackerOptions | None = None, first_track: int = 1) -> None:
         self._options = options or TrackerOptions()
-        self._bank = FilterBank(network, self._options.motion)
+        self._bank = FilterBank(with_bias(network), self._options.motion)
         self._beliefs = Beliefs(len(network.cameras))
         self._loose: deque[LooseRay] = deque(maxlen=LOOSE_RAYS)
         self._next_track = first_track
@@ -98,13 +99,14 @@ class Tracker:
         self._adopt(network)
 
     def _adopt(self, network: Network) -> None:
+        self._network = network
         self._views = [View.of(camera) for camera in network.cameras]
         self._number = {camera.id: k for k, camera in enumerate(network.cameras)}
 
     @property
     def network(self) -> Network:
         """The network in force."""
-        return self._bank.network
+        return self._network
 
     @property
     def newest_s(self) -> float:
@@ -124,7 +126,7 @@ class Tracker:
         """Go on with another network, without a jump."""
         shift_s = (self.network.t_mid_unix_ns - network.t_mid_unix_ns) * 1e-9
         kept = [self._number.get(camera.id, -1) for camera in network.cameras]
-        self._bank.exchange(network)
+        self._bank.exchange(with_bias(network))
         self._beliefs.exchange(kept, shift_s)
         self._newest_s += shift_s
         self._scanned_s += shift_s
@@ -164,6 +166,7 @@ class Tracker:
         taken = np.zeros(len(rays.pixels), bool)
         if not len(self._bank):
             return taken, []
+        self._bank.watched = self._beliefs.watched(t_s)
         prediction = self._bank.predict(t_s)
         sighting = self._views[number].sight(prediction.state[:, :3])
         expected = self._bank.expect(prediction, sighting, number)
@@ -172,7 +175,8 @@ class Tracker:
         due = sighting.valid & self._views[number].inside(sighting.pixels, EDGE_PX)
         if pairs:
             chosen = rays.chosen(detection)
-            distance2 = self._bank.update(prediction, sighting, number, which, chosen)
+            look = Look(number, self._views[number], sighting.chosen(which), chosen)
+            distance2 = self._bank.update(prediction, which, look)
             spread = np.linalg.det(expected.covariance[which] + np.eye(2) * (chosen.sigma_px**2)[:, None, None])
             gain = self._odds(number, spread) - distance2 / 2
             self._beliefs.hit(number, which, t_s, Evidence(label[detection], gain, distance2))
@@ -222,8 +226,8 @@ class Tracker:
             self._loose.popleft()
         if len(self._loose) < 2:
             return
-        found = tracklets(self._loose, self.network, now_s)
-        newborns = births(found, self.network, self._options.motion, self._options.limits, now_s)
+        found = tracklets(self._loose, self._bank.network, now_s)
+        newborns = births(found, self._bank.network, self._options.motion, self._options.limits, now_s)
         for newborn in newborns:
             self._add(newborn)
         used = {member for newborn in newborns for member in newborn.seen_by}
@@ -293,7 +297,12 @@ class Tracker:
         if dt_s > 0:
             motion = self._options.motion
             F = motion.transition(np.array([dt_s]))[0]
-            x, P, t_s = F @ x, F @ P @ F.T + motion.noise(np.array([dt_s]))[0] * self._bank.vigour[k], t_s + dt_s
+            surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_vigour[k]
+            x, P, t_s = (
+                F @ x,
+                F @ P @ F.T + motion.noise(np.array([dt_s]))[0] * self._bank.expected_vigour[k],
+                t_s + dt_s,
+            )
         seen = self._beliefs.seen_by(k)
         return Estimate(
             track=self._beliefs.track[k],

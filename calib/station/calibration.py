@@ -21,6 +21,8 @@ from calib.station.worker import Done, Job, Solved
 
 RETRY_GROWTH: Final = 1.25  # of the shared seconds, before an attempt that failed is made again
 RETRY_S: Final = 5  # shared seconds more, at least
+SOONEST_S: Final = 10.0  # s between refinements while the flight is short and each tells much
+REST: Final = 5.0  # times as long as it worked the solver rests: a sixth of one core at most
 
 
 class Phase(StrEnum):
@@ -64,6 +66,7 @@ class Calibration:
     _jobs: int = 0
     _tried_shared_s: int = 0
     _tried_unix_ns: int = 0
+    _took_s: float = 0.0
     _asked: bool = False
 
     # What has been seen
@@ -108,7 +111,8 @@ class Calibration:
         if self.network is None or self._asked:
             return grown or self._tried_shared_s == 0 or self._asked
         lacking = joined - {camera.id for camera in self.network.cameras} | (joined & self.suspects.keys())
-        waited = now_unix_ns - self._tried_unix_ns > self.options.resolve_s * 1e9
+        wait_s = min(self.options.resolve_s, max(SOONEST_S, REST * self._took_s))
+        waited = now_unix_ns - self._tried_unix_ns > wait_s * 1e9
         return grown and (waited or bool(lacking))
 
     def _start(self) -> Network | None:
@@ -126,6 +130,7 @@ class Calibration:
 
     def take(self, done: Done) -> Network | None:
         """Judge a finished job; the new network if it is good."""
+        self._took_s = done.seconds
         if done.number != self._jobs:  # its window was thrown away meanwhile
             return None
         if done.solved is None:

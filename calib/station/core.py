@@ -38,6 +38,7 @@ NS: Final = 10**9
 FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
 SLOW_NS: Final = NS  # health, network, plans
 UNDISCIPLINED_S: Final = 0.05  # s: a camera that says nothing of its clock wanders by so much between calibrations
+LEAST_SIGMA_PX: Final = 0.2  # of a detector that finds none: what an adjustment can tell from a flight's own freedom
 REMEMBERED: Final = 1000  # targets; more than ever fly at once
 IDLE_NS: Final = NS // 4  # without a frame for so long, time passes by the clock alone
 
@@ -128,8 +129,8 @@ class Station:
             return []
         if self.tracker is None or camera.flooded or camera.id not in self.calibration.trusted:
             return []
-        sigma_px = np.where(np.isnan(frame.sigma_px), self.config.tracking.sigma_px, frame.sigma_px)
         tracker = self.tracker
+        sigma_px = np.where(np.isnan(frame.sigma_px), self._sigma_px(tracker.network, camera.id), frame.sigma_px)
         moved = tracker.observe(replace(frame, sigma_px=sigma_px))
         lost = tracker.advance(tracker.newest_s)
         due = {track for track in moved if self._due(track, tracker.newest_s)}
@@ -137,6 +138,12 @@ class Station:
             return []
         estimates = tracker.estimates(tracker.newest_s, due) + lost
         return self._border.cross(estimates, tracker.network.origin)
+
+    def _sigma_px(self, network: Network, camera_id: str) -> float:
+        """One sigma of a camera's pixels where a detection does not say its own: as the adjustment found it."""
+        camera = network.camera(camera_id)
+        found = None if camera is None else camera.sigma_px
+        return self.config.tracking.sigma_px if found is None else max(found, LEAST_SIGMA_PX)
 
     def _due(self, track: int, newest_s: float) -> bool:
         """Whether any endpoint wants this target again; saying it at every ray would cost more than tracking it."""

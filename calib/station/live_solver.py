@@ -1,15 +1,22 @@
 """The calibration's solver as the live station uses it. Loaded only in the solving process: it is slow to import."""
 
+import logging
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from calib.errors import CalibrationError
 from calib.network import Network
 from calib.observations import Scene
 from calib.solution import Solution
 from calib.solve import SolveOptions, solve
 from calib.station.report import write_report
-from calib.station.worker import Noise, Solved
+from calib.station.worker import Solved
+
+log = logging.getLogger(__name__)
+
+OPTIONS: Final = SolveOptions(evidence=True)
 
 
 class LiveSolver:
@@ -20,7 +27,7 @@ class LiveSolver:
 
     def __call__(self, scene: Scene, start: Network | None) -> Solved:
         """Solve a window. The trajectory stays here, where it is large and in nobody's way. Raises CalibrationError."""
-        self._last = solution = solve(scene, SolveOptions(evidence=True), start)
+        self._last = solution = _solve(scene, start)
         return _told(solution)
 
     def report(self, folder: Path) -> None:
@@ -30,12 +37,21 @@ class LiveSolver:
             write_report(self._last, folder)
 
 
+def _solve(scene: Scene, start: Network | None) -> Solution:
+    """From the network in force, and if that leads nowhere from nothing: what it was found from may have been poor."""
+    if start is not None:
+        try:
+            return solve(scene, OPTIONS, start)
+        except CalibrationError as error:
+            log.info("not from the network in force (%s): from nothing", error.what)
+    return solve(scene, OPTIONS)
+
+
 def _told(solution: Solution) -> Solved:
     spread = np.linalg.eigvalsh(solution.trajectory.covariance_enu)[:, -1]
     return Solved(
         solution.network,
         float(np.sqrt(np.median(spread))),
-        {camera.id: Noise(camera.sigma_px, camera.correlated_s) for camera in solution.report.cameras},
         solution.report.left_out,
         solution.report.findings,
     )

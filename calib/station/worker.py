@@ -13,7 +13,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
@@ -31,14 +31,6 @@ TOO_LONG_S: Final = 300.0  # s: a solve that takes longer is stuck
 
 
 @dataclass(frozen=True)
-class Noise:
-    """A camera's pixel error as the adjustment found it: one sigma a coordinate, and for how long it stays the same."""
-
-    sigma_px: float
-    correlated_s: float
-
-
-@dataclass(frozen=True)
 class Solved:
     """What the live station needs of a solution, in words that need no solver to be read.
 
@@ -47,7 +39,6 @@ class Solved:
 
     network: Network
     sigma_m: float
-    noise: dict[str, Noise] = field(default_factory=dict)
     left_out: tuple[tuple[str, str], ...] = ()
     findings: tuple[str, ...] = ()
 

@@ -28,6 +28,8 @@ def network(seed: int = 0, offset_s: float = 0.1) -> Network:
             offset_s,
             rng.normal(0, 1e-4),
             0.0123,
+            None if k == 0 else rng.uniform(0.1, 3),
+            rng.uniform(0, 3),
         )
         for k in range(3)
     )
@@ -52,6 +54,7 @@ def test_there_and_back_to_the_last_bit(seed: int, offset_s: float) -> None:
             two.clock_rate,
             two.readout_s,
         )
+        assert (one.sigma_px, one.correlated_s) == (two.sigma_px, two.correlated_s)
 
 
 def test_the_fingerprint_notices_the_last_bit() -> None:
