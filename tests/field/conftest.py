@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from tools.fieldwork.air import Air, possible
-from tools.fieldwork.site import ROOT, Row, Site, live_again_after
+from tools.fieldwork.heard import Row, live_again_after
+from tools.fieldwork.site import ROOT, Site
 
 CAMERAS = ("cam0", "cam1", "cam2")
 STARTS_WITHIN_S = 60.0  # the base's imports alone take seconds on a busy machine

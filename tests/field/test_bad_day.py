@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 
 from tests.field.conftest import CAMERAS, BadDay
-from tools.fieldwork.site import latency_s, live_again_after
+from tools.fieldwork.heard import latency_s, live_again_after
 
 COMMIT_ROWS = 20  # in half a second, at 25 Hz and a margin: what kill -9 may cost a box
 

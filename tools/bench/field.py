@@ -3,10 +3,11 @@
     python -m tools.bench.field partition --seconds 10      cut one box off, and put it back
     python -m tools.bench.field storm --seconds 30          5 % loss, 50 ms +- 20 ms, order not kept
     python -m tools.bench.field frozen --seconds 30         SIGSTOP the base
-    python -m tools.bench.field kills --times 50            kill -9 of boxes and base, at random (seeded)
+    python -m tools.bench.field kills --times 50            kill -9 of boxes, router and base, at random (seeded)
 
-Each prints what was asked and what was measured. Latencies are those of one machine with one clock: from the instant a
-box makes a message to its arrival in the base's recording.
+Each prints what was asked and what was measured. With mutual TLS and access control, as in the field, unless `--plain`.
+Latencies are those of one machine with one clock: from the instant a box makes a message to its arrival in the base's
+recording. Nothing else should run meanwhile: what the two cores are kept from is measured as latency.
 """
 
 import argparse
@@ -22,12 +23,16 @@ from typing import Final
 
 import numpy as np
 
+from calib.station import recording
 from edge.spool_store import SpoolStore
 from tools.fieldwork.air import Air, possible
-from tools.fieldwork.site import ROOT, Row, Site, latency_s, live_again_after
+from tools.fieldwork.heard import Row, latency_s, live_again_after
+from tools.fieldwork.site import ROOT, Site
+from tools.fieldwork.truth import CHI2_3_95, CHI2_3_999, Error
 
 CAMERAS: Final = ("cam0", "cam1", "cam2")
 CALM_S: Final = 15.0  # before a fault, to compare with
+AFTER_S: Final = 5.0  # within which everything must be back, and what is sent is looked at closely
 PATIENCE_S: Final = 60.0  # for everything to be in the recording
 SEED: Final = 11
 
@@ -38,7 +43,7 @@ def wait(condition: Callable[[], bool], within_s: float) -> float:
     while time.monotonic() - began < within_s:
         if condition():
             return time.monotonic() - began
-        time.sleep(0.25)
+        time.sleep(0.05)
     return float("inf")
 
 
@@ -49,7 +54,7 @@ def keys(rows: list[Row]) -> set[tuple[str, int, int]]:
 
 def settle(site: Site) -> None:
     """Start everything and let it run in calm."""
-    for host in ("base", *CAMERAS):
+    for host in sorted(site.air.hosts, key=lambda name: name in CAMERAS):
         site.start(host)
     took_s = wait(lambda: {row.camera for row in site.recorded()} == set(CAMERAS), 60)
     if took_s == float("inf"):
@@ -126,20 +131,41 @@ def _rss_mb(site: Site, host: str) -> float:
 
 
 def kills(site: Site, options: argparse.Namespace) -> None:
-    """Kill -9 boxes and base at random."""
+    """Kill -9 boxes, router and base at random."""
     chance = random.Random(SEED)
-    print(f"seed {SEED}")
-    recoveries: dict[str, list[float]] = {"box": [], "base": []}
-    for _ in range(options.times):
-        host = chance.choice(("base", *CAMERAS))
+    print(f"seed {SEED}; calibrating")
+    wait(lambda: site.heard.positions_since(0), PATIENCE_S)
+    calm_unix_s = time.time()
+    time.sleep(CALM_S)
+    killed: list[tuple[str, float, float, float]] = []  # host, when, until live again, until positions are sent again
+    for number in range(options.times):
+        host = chance.choice(site.air.hosts)
         time.sleep(chance.uniform(0.0, 1.0))
-        site.kill(host)
         killed_ns = time.time_ns()
+        site.kill(host)
         site.start(host)
-        whom = set(CAMERAS) if host == "base" else {host}
-        took_s = wait(lambda: whom <= _heard_since(site, killed_ns), 30.0)  # noqa: B023 -- called here
-        recoveries["base" if host == "base" else "box"].append(took_s)
+        whom = {host} if host in CAMERAS else set(CAMERAS)
+        live_s = wait(lambda: whom <= site.heard.live_since(killed_ns), 30.0)  # noqa: B023 -- called here
+        sent_s = live_s + wait(lambda: site.heard.positions_since(killed_ns), 30.0)  # noqa: B023 -- called here
+        killed.append((host, killed_ns * 1e-9, live_s, sent_s))
+        print(f"{number + 1:3} {host:6} live again {live_s:5.2f} s, positions {sent_s:5.2f} s", flush=True)
     time.sleep(3.0)
+    _recoveries(killed)
+    _losses(site, options.times)
+    _judge(site.errors(), calm_unix_s, [when for _, when, _, _ in killed])
+    _look_at_spools(site)
+
+
+def _recoveries(killed: list[tuple[str, float, float, float]]) -> None:
+    for what, hosts in (("box", CAMERAS), ("router", ("router",)), ("base", ("base",))):
+        for which, column in (("heard live", 2), ("positions sent", 3)):
+            times_s = [float(row[column]) for row in killed if row[0] in hosts]
+            if times_s:
+                told = f"after {np.median(times_s):5.2f} s, at worst {max(times_s):5.2f} s (asked: {AFTER_S:.0f})"
+                print(f"{what:6} killed {len(times_s):3} times: {which:14} again {told}")
+
+
+def _losses(site: Site, times: int) -> None:
     made = site.made()
     # The ends of killed runs: rows that no disk had yet.
     last: dict[tuple[str, int], int] = {}
@@ -150,25 +176,36 @@ def kills(site: Site, options: argparse.Namespace) -> None:
         return [k for k in made - keys(site.recorded()) if last[k[0], k[1]] - k[2] > 20]
 
     wait(lambda: not lost(), PATIENCE_S)
-    rows = site.recorded()
-    all_lost = made - keys(rows)
-    print(f"{options.times} kills: {len(all_lost)} of {len(made)} lost, {len(lost())} not in the last 0.5 s of a run")
-    for what, times_s in recoveries.items():
-        told = f"back after {np.median(times_s):.1f} s, {max(times_s):.1f} s at worst (asked: 5)"
-        print(f"{what}: {len(times_s)} times, {told}")
-    misses = site.misses_m()
-    if len(misses):
-        worst = f"p95 {np.percentile(misses, 95):.2f} m, at worst {np.max(misses):.2f} m from the truth"
-        print(f"positions sent: {len(misses)}, {worst}")
+    all_lost = made - keys(site.recorded())
+    print(f"{times} kills: {len(all_lost)} of {len(made)} lost, {len(lost())} not in the last 0.5 s of a run")
+
+
+def _judge(errors: list[Error], calm_unix_s: float, killed_unix_s: list[float]) -> None:
+    """Positions against what they say of themselves: in calm, just after a kill, and all."""
+    shaken = [e for e in errors if any(0 <= e.sent_unix_s - when < AFTER_S for when in killed_unix_s)]
+    calm = [e for e in errors if calm_unix_s <= e.sent_unix_s < min(killed_unix_s, default=calm_unix_s)]
+    heads = ("count", "median m", "worst m", "in 95 %", "in 99.9 %", "worst")
+    print("{:28} {:>6} {:>9} {:>8} {:>8} {:>10} {:>8}".format("positions sent", *heads))
+    for what, some in (("in calm", calm), (f"within {AFTER_S:.0f} s of a kill", shaken), ("in all", errors)):
+        if not some:
+            print(f"{what:28} none")
+            continue
+        metres, nees = (np.array([error[column] for error in some]) for column in (1, 2))
+        inside = [f"{np.mean(nees <= bound):8.1%}" for bound in (CHI2_3_95, CHI2_3_999)]
+        sigmas = float(np.sqrt(nees.max()))
+        told = f"{np.median(metres):9.2f} {metres.max():8.2f} {inside[0]} {inside[1]:>10} {sigmas:5.1f} s."
+        print(f"{what:28} {len(some):6} {told}")
+
+
+def _look_at_spools(site: Site) -> None:
     for camera in CAMERAS:
         site.kill(camera)
         store = SpoolStore(site.folder / f"{camera}.sqlite", max_bytes=10**9)  # checks the file
         print(f"{camera}: spool is sound, {sum(item.rows for item in store.inventory())} rows")
         store.close()
-
-
-def _heard_since(site: Site, t_unix_ns: int) -> set[str]:
-    return {row.camera for row in site.recorded(since_unix_ns=t_unix_ns) if not row.late and row.t_unix_ns > t_unix_ns}
+    for file in sorted((site.folder / "recordings").glob("*.mcap")):
+        messages = sum(1 for _ in recording.read(file))
+        print(f"{file.name}: read to its end, {messages} messages")
 
 
 def main() -> int:
@@ -177,15 +214,18 @@ def main() -> int:
     parser.add_argument("fault", choices=("partition", "storm", "frozen", "kills"))
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--times", type=int, default=50)
+    parser.add_argument("--plain", action="store_true", help="without TLS and access control")
+    parser.add_argument("--router", action="store_true", help="boxes and base dial a router; always so for kills")
     options = parser.parse_args()
     if reason := possible():
         print(reason, file=sys.stderr)
         return 1
-    with tempfile.TemporaryDirectory() as temporary, Air("base", *CAMERAS) as air:
+    hosts = ("base", "router") if options.router or options.fault == "kills" else ("base",)
+    with tempfile.TemporaryDirectory() as temporary, Air(*hosts, *CAMERAS) as air:
         flight = Path(temporary) / "flight"
         command = [sys.executable, "-m", "tools.simulate", str(ROOT / "deploy" / "scenes" / "demo.toml")]
         subprocess.run([*command, "-o", str(flight)], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-        site = Site(air, Path(temporary), flight)
+        site = Site(air, Path(temporary), flight, secure=not options.plain)
         try:
             settle(site)
             {"partition": partition, "storm": storm, "frozen": frozen, "kills": kills}[options.fault](site, options)

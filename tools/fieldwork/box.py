@@ -1,16 +1,16 @@
 """A camera box without a camera: the real link and the real spool, fed with a track folder in place of a lens.
 
-    python box.py endpoint site camera track_folder spool_file start_unix_s [mode]
+    python box.py --connect ENDPOINT --site NAME --camera ID --tracks FOLDER --spool FILE --start UNIX_S
 
 Plays the camera's rows in real time, for ever, as if they were seen now. start_unix_s: the instant, the same for all
 boxes, at which the flight began. Every Tracks message it makes is written to standard output as `epoch seq`, so that a
 test knows what ought to arrive.
 """
 
+import argparse
 import bisect
 import csv
 import signal
-import sys
 import threading
 import time
 import tomllib
@@ -20,7 +20,7 @@ import numpy as np
 
 from edge.lens import LensModel, pixel_to_ray
 from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link_profile import LinkSettings, TlsSettings
 from edge.messages import Detection, Lens, Tracks, camera_key, encode
 from edge.spool import Spool, SpoolSettings
 
@@ -95,18 +95,23 @@ def lap_of(folder: Path) -> tuple[int, int]:
     return min(ends), max(ends) - min(ends) + PAUSE_NS
 
 
-def play(arguments: list[str], stop: threading.Event) -> None:
+def link_settings(options: argparse.Namespace) -> LinkSettings:
+    """Whom the box dials, and as whom."""
+    own: Path | None = options.certificate
+    files = {} if own is None else {name: str(own / f"{name}.pem") for name in ("authority", "certificate", "key")}
+    return LinkSettings(connect=(options.connect,), mode=options.mode, tls=TlsSettings(**files) if files else None)
+
+
+def play(options: argparse.Namespace, stop: threading.Event) -> None:
     """Be a box until told to stop."""
-    endpoint, site, camera, folder, spool_file, start = arguments[:6]
-    mode = arguments[6] if len(arguments) > 6 else "peer"
-    player = Player(Path(folder), camera)
+    site, camera, folder = options.site, options.camera, options.tracks
+    player = Player(folder, camera)
     epoch = time.time_ns() // 10**6
-    began_ns, lap_ns = lap_of(Path(folder))
-    shift_ns = round(float(start) * 1e9) - began_ns
-    settings = LinkSettings(connect=(endpoint,), mode=mode)  # type: ignore[arg-type]
-    with Link(settings, name=camera) as link:
+    began_ns, lap_ns = lap_of(folder)
+    shift_ns = round(options.start * 1e9) - began_ns
+    with Link(link_settings(options), name=camera) as link:
         requests = link.serve(camera_key(site, camera, "backlog"))
-        with Spool(SpoolSettings(file=spool_file), requests) as spool:
+        with Spool(SpoolSettings(file=str(options.spool)), requests) as spool:
             link.set_state(camera_key(site, camera, "lens"), player.lens_message())
             link.declare_presence(camera_key(site, camera))
             seq = 0
@@ -133,8 +138,20 @@ def play(arguments: list[str], stop: threading.Event) -> None:
                 next_one += 1
 
 
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="A camera box that plays a track folder.")
+    for name in ("--connect", "--site", "--camera"):
+        parser.add_argument(name, required=True)
+    for name in ("--tracks", "--spool"):
+        parser.add_argument(name, required=True, type=Path)
+    parser.add_argument("--start", required=True, type=float, help="UTC second at which the flight begins")
+    parser.add_argument("--mode", default="peer", choices=("peer", "client"))
+    parser.add_argument("--certificate", type=Path, help="folder made by deploy/certs issue; none: without TLS")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
-    play(sys.argv[1:], stopping)
+    play(_options(), stopping)

@@ -1,4 +1,4 @@
-"""A whole site in network namespaces: boxes, a real base-station process, and what its recordings hold."""
+"""A whole site in network namespaces: boxes, a real base-station process, and a real router if wanted."""
 
 import json
 import os
@@ -7,64 +7,99 @@ import subprocess
 import sys
 import time
 import tomllib
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-import numpy as np
+import tomli_w
 
-from calib.geodesy import ecef_to_enu
-from calib.station import recording
-from edge.messages import camera_of_key
 from tools.fieldwork.air import Air
-from tools.fieldwork.box import lap_of
+from tools.fieldwork.heard import Heard, Row
+from tools.fieldwork.truth import Error, Truth
 
 HERE: Final = Path(__file__).parent
 ROOT: Final = HERE.parents[1]
+CERTS: Final = ROOT / "deploy" / "certs"
 PORT: Final = 7447
-LAP_SETTLES_S: Final = 5.0  # of each lap
 QUIET: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-
-
-class Row(NamedTuple):
-    """One Tracks message as the base recorded it. late: by the backlog."""
-
-    camera: str
-    epoch: int
-    seq: int
-    t_unix_ns: int
-    t_arrival_ns: int
-    late: bool
+ROUTER_FIRST: Final = {"router": 2, "base": 1}  # what others lean on stops last
 
 
 class Site:
-    """Starts, stops, freezes and kills the processes of one site. Hosts: `base`, `cam0`, ..."""
+    """Starts, stops, freezes and kills the processes of one site. Hosts: `base`, `cam0`, ..., and perhaps `router`.
 
-    def __init__(self, air: Air, folder: Path, tracks: Path, *, state: str = "state") -> None:
+    With a host `router`, all others dial it. secure: the production profile, with mutual TLS and access control.
+    """
+
+    def __init__(self, air: Air, folder: Path, tracks: Path, *, secure: bool = False) -> None:
         self.air, self.folder, self.tracks = air, folder, tracks
         self.processes: dict[str, subprocess.Popen[str]] = {}
-        self._logs: dict[str, Path] = {}
         self.start_unix_s = time.time() + 1.0
+        self.heard = Heard(folder / "recordings")
         self._runs = 0
-        (folder / "base.toml").write_text(self._base_toml(state))
+        self._secure = secure
+        facts = tomllib.loads((tracks / "site.toml").read_text())
+        self.name: str = facts["site"]["name"]
+        self._listener = "router" if "router" in air.hosts else "base"
+        if secure:
+            self._certify()
+        (folder / "base.toml").write_text(tomli_w.dumps(self._base(facts)))
+        router = {"site": self.name, "link": self._link("router") | {"mode": "router"}}
+        (folder / "router.toml").write_text(tomli_w.dumps(router))
 
-    def _base_toml(self, state: str) -> str:
-        site = tomllib.loads((self.tracks / "site.toml").read_text())["site"]
-        cameras = tomllib.loads((self.tracks / "site.toml").read_text())["camera"]
-        lines = [f'state_folder = "{state}"', "[site]", f'name = "{site["name"]}"', f"origin = {site['origin']}"]
-        for camera in cameras:
-            lines += ["[[camera]]", f'id = "{camera["id"]}"', f"position = {camera['position']}"]
-            lines += [f"position_sigma = {camera['position_sigma']}"]
-        lines += ["[link]", f'listen = ["tcp/{self.air.address("base")}:{PORT}"]', "insecure = true"]
-        lines += ["[recording]", 'folder = "recordings"', "min_free_mb = 1", "[status]", "port = 8080"]
-        return "\n".join(lines) + "\n"
+    # Configuration
 
-    def start(self, host: str) -> None:
-        """Start a host's program (again)."""
+    def certs(self, *arguments: str, folder: str = "certs") -> None:
+        """`python deploy/certs` in a folder of this site's."""
+        command = [sys.executable, str(CERTS), "--folder", str(self.folder / folder), *arguments]
+        subprocess.run(command, check=True, capture_output=True)
+
+    def _certify(self) -> None:
+        self.certs("init", self.name)
+        for host in self.air.hosts:
+            role = {"base": "station", "router": "router"}.get(host, "camera")
+            self.certs("issue", host, "--role", role, "--address", self.air.address(host))
+
+    def certificate(self, host: str) -> Path:
+        """The folder of a host's certificate."""
+        return self.folder / "certs" / "issued" / host
+
+    @property
+    def endpoint(self) -> str:
+        """Whom the boxes dial."""
+        return f"{'tls' if self._secure else 'tcp'}/{self.air.address(self._listener)}:{PORT}"
+
+    def _link(self, host: str) -> dict[str, Any]:
+        listens = host == self._listener
+        link: dict[str, Any] = {"mode": "client" if self._listener == "router" else "peer"}
+        link |= {"listen": [self.endpoint]} if listens else {"connect": [self.endpoint]}
+        if not self._secure:
+            return link | {"insecure": True}
+        own = self.certificate(host)
+        tls = {name: str(own / f"{name}.pem") for name in ("authority", "certificate", "key")}
+        access = {"access": str(self.folder / "certs" / "access.json")} if listens else {}
+        return link | {"tls": tls | access}
+
+    def _base(self, facts: dict[str, Any]) -> dict[str, Any]:
+        cameras = [{key: camera[key] for key in ("id", "position", "position_sigma")} for camera in facts["camera"]]
+        return {
+            "state_folder": "state",
+            "site": {"name": self.name, "origin": facts["site"]["origin"]},
+            "camera": cameras,
+            "link": self._link("base"),
+            "mavlink": {"endpoint": [{"url": "udp:127.0.0.1:14550", "profile": ["ecef"]}]},
+            "recording": {"folder": "recordings", "min_free_mb": 1},
+            "status": {"port": 8080, "page": False},
+        }
+
+    # Processes
+
+    def start(self, host: str, *words: str) -> None:
+        """Start a host's program (again). words: put before it, a namespace of its own for instance."""
         self._runs += 1
         log = self.folder / f"{host}-{self._runs}.log"
-        self._logs[host] = log
         with log.open("w") as file, (self.folder / f"{host}-{self._runs}.err").open("w") as errors:
-            command = [*self.air.inside(host), sys.executable, *self._program(host)]
+            command = [*self.air.inside(host), *words, sys.executable, *self._program(host)]
             self.processes[host] = subprocess.Popen(
                 command, stdout=file, stderr=errors, text=True, cwd=ROOT, env={**os.environ, **QUIET}
             )
@@ -72,10 +107,13 @@ class Site:
     def _program(self, host: str) -> list[str]:
         if host == "base":
             return ["-m", "calib.station.app", "run", "--config", str(self.folder / "base.toml")]
-        site = tomllib.loads((self.tracks / "site.toml").read_text())["site"]["name"]
-        endpoint = f"tcp/{self.air.address('base')}:{PORT}"
+        if host == "router":
+            return [str(ROOT / "deploy" / "router"), "--config", str(self.folder / "router.toml")]
         spool = self.folder / f"{host}.sqlite"
-        return [str(HERE / "box.py"), endpoint, site, host, str(self.tracks), str(spool), str(self.start_unix_s)]
+        link = ["--connect", self.endpoint, "--mode", "client" if self._listener == "router" else "peer"]
+        link += ["--certificate", str(self.certificate(host))] if self._secure else []
+        flight = ["--tracks", str(self.tracks), "--start", str(self.start_unix_s)]
+        return [str(HERE / "box.py"), *link, "--site", self.name, "--camera", host, "--spool", str(spool), *flight]
 
     def send(self, host: str, number: signal.Signals) -> None:
         """Send a signal to a host's program."""
@@ -89,7 +127,7 @@ class Site:
     def stop(self) -> dict[str, float]:
         """Stop everything in order; how long each took to end, in seconds."""
         took = {}
-        for host in sorted(self.processes, key=lambda name: name == "base"):
+        for host in sorted(self.processes, key=lambda name: ROUTER_FIRST.get(name, 0)):
             process = self.processes[host]
             began = time.monotonic()
             if process.poll() is None:
@@ -104,6 +142,8 @@ class Site:
             process.kill()
             process.wait(timeout=5)
 
+    # What came of it
+
     def made(self) -> set[tuple[str, int, int]]:
         """(camera, epoch, seq) of all that the boxes made, over all their runs."""
         found = set()
@@ -115,75 +155,27 @@ class Site:
                     found.add((camera, int(epoch), int(seq)))
         return found
 
-    def recorded(self, since_unix_ns: int = 0) -> list[Row]:
-        """Every Tracks message in the base's recordings. Raises RecordingError if one cannot be read.
+    def recorded(self) -> list[Row]:
+        """Every Tracks message in the base's recordings."""
+        return self.heard.look()
 
-        since_unix_ns: leave out files that were last written before.
-        """
-        rows = []
-        files = sorted((self.folder / "recordings").glob("*.mcap"))
-        for file in [file for file in files if file.stat().st_mtime_ns >= since_unix_ns]:
-            for item in recording.read(file):
-                topic = item.key.rpartition("/")[2]
-                camera = camera_of_key(item.key)
-                if camera is not None and topic in ("tracks", "backlog"):
-                    message = json.loads(item.payload)
-                    about = (message["epoch"], message["seq"], message["t_unix_ns"])
-                    rows.append(Row(camera, *about, item.t_arrival_ns, topic == "backlog"))
-        return rows
+    def errors(self) -> list[Error]:
+        """How far, in metres and in its own sigmas, each confirmed target was from the nearest true object."""
+        self.heard.look()
+        return self._truth.errors(self.heard.sent)
 
-    def misses_m(self) -> "np.ndarray[Any, np.dtype[np.float64]]":
-        """How far each confirmed target of the recordings was from the nearest true object, in metres.
-
-        The first seconds of each lap are left out: there the objects jump back to where they began, and no tracker can
-        know that.
-        """
-        origin = tomllib.loads((self.tracks / "site.toml").read_text())["site"]["origin"]
-        truths = [np.loadtxt(f, delimiter=",", skiprows=1) for f in sorted((self.tracks / "truth").glob("*.csv"))]
-        began_s, lap_s = (ns * 1e-9 for ns in lap_of(self.tracks))
-        found = []
-        for file in sorted((self.folder / "recordings").glob("*.mcap")):
-            for item in recording.read(file):
-                if item.key.endswith("/station/targets"):
-                    message = json.loads(item.payload)
-                    into_lap_s = (message["t_unix_ns"] * 1e-9 - self.start_unix_s) % lap_s
-                    if into_lap_s > LAP_SETTLES_S:
-                        found += [_miss_m(t, truths, began_s + into_lap_s, origin) for t in _confirmed(message)]
-        return np.array(found)
+    @cached_property
+    def _truth(self) -> Truth:
+        return Truth(self.tracks, self.start_unix_s)
 
     def status(self) -> dict[str, Any]:
-        """The base's /status.json."""
+        """The base's /status.json; empty if it does not answer."""
         command = [*self.air.inside("base"), sys.executable, "-c", _FETCH]
         told = subprocess.run(command, capture_output=True, text=True, check=False)
         return dict(json.loads(told.stdout)) if told.returncode == 0 else {}
-
-
-def _confirmed(message: dict[str, Any]) -> list[dict[str, Any]]:
-    return [target for target in message["targets"] if target["state"] == "confirmed"]
-
-
-def _miss_m(target: dict[str, Any], truths: list[Any], t_s: float, origin: list[float]) -> float:
-    position = ecef_to_enu(np.array([target["ecef_m"]]), (origin[0], origin[1], origin[2]))[0]
-    apart = []
-    for truth in truths:
-        there = [np.interp(t_s, truth[:, 0], truth[:, axis]) for axis in (1, 2, 3)]
-        apart.append(float(np.linalg.norm(position - there)))
-    return min(apart)
 
 
 _FETCH = """
 import sys, urllib.request
 sys.stdout.write(urllib.request.urlopen("http://127.0.0.1:8080/status.json", timeout=2).read().decode())
 """
-
-
-def latency_s(rows: list[Row], begin_unix_s: float, end_unix_s: float) -> "np.ndarray[Any, np.dtype[np.float64]]":
-    """Latencies of the live messages that were made in a stretch of time; base and boxes share this machine's clock."""
-    chosen = [row for row in rows if not row.late and begin_unix_s * 1e9 <= row.t_unix_ns < end_unix_s * 1e9]
-    return np.array([(row.t_arrival_ns - row.t_unix_ns) * 1e-9 for row in chosen])
-
-
-def live_again_after(rows: list[Row], camera: str, since_unix_s: float) -> float:
-    """How long after an instant the first live message came that was made after it, in seconds."""
-    first = [r.t_arrival_ns for r in rows if r.camera == camera and not r.late and r.t_unix_ns >= since_unix_s * 1e9]
-    return min(first) * 1e-9 - since_unix_s if first else float("inf")
