@@ -28,7 +28,10 @@ LARGEST_PX: Final = 90  # loose width; larger objects are scaled down to this at
 SMALLEST_PX: Final = 6  # loose width; below it nothing of the object is left
 LIFTED_EXACT: Final = 0.15  # weight of a measured centre: its own error would be learned as the net's sigma
 REAL_TELLING: Final = 0.4  # weight of the class of an object before the field it was filmed in
-BACKGROUNDS: Final = (1, 3)  # taken a frame: one anywhere, one the lowest of three places, where the trees are
+BACKGROUND_PX: Final = 104  # an 80 px crop zoomed out; larger ones at a third of the scale would hold the object
+BACKGROUNDS: Final = (1, 3, 1, 3)  # taken a frame: half anywhere, half the lowest of three places, where the trees are
+REDUCTIONS: Final = (1, 1, 2, 3, 4)  # of a background, one by chance: small clouds look like objects far away
+TRIES: Final = 8  # places looked at for a background without an object
 CLIP_CLASSES: Final = {"DRONE": 0, "BIRD": 1, "AIRPLANE": 2, "HELICOPTER": 3}
 
 
@@ -201,16 +204,16 @@ def _moved(box: Box, corner: list[int], scale: float) -> Box:
 def _background(
     stack: list[Grey], loose: list[tuple[float, float, float, float]], lowest_of: int, random: np.random.Generator
 ) -> Grey | None:
-    """A patch without a labelled object, at full, half or a third of the scale; the lowest of so many places."""
+    """A patch without a labelled object, at full scale or reduced; the lowest of so many places."""
     height, width = stack[0].shape
-    span = min(int(random.choice([PATCH_PX, 2 * PATCH_PX, 3 * PATCH_PX])), height - 1, width - 1)
-    for _ in range(5):
+    span = min(int(random.choice(REDUCTIONS)) * BACKGROUND_PX, height - 1, width - 1)
+    size = (BACKGROUND_PX, BACKGROUND_PX)
+    for _ in range(TRIES):
         x = int(random.integers(0, width - span))
         y = int(max(random.integers(0, height - span, lowest_of)))
         if all(_apart(x, y, span, box) for box in loose):
             part = np.s_[y : y + span, x : x + span]
-            area = cv2.INTER_AREA
-            return np.stack([cv2.resize(g[part], (PATCH_PX, PATCH_PX), interpolation=area) for g in stack], axis=2)
+            return np.stack([cv2.resize(g[part], size, interpolation=cv2.INTER_AREA) for g in stack], axis=2)
     return None
 
 

@@ -16,7 +16,7 @@ from tools.render import CODEC
 from tools.rendering.footage import Label, footage
 from tools.scenes.description import Camera, Object, Simulation, Weather
 from tools.scenes.simulation import watch
-from tools.train.footage import PATCH_PX, Material
+from tools.train.footage import BACKGROUND_PX, PATCH_PX, Material
 from tools.train.patches import CLASSES, Box, Floats, Grey, Patch
 
 FIRST_TEST_SEED: Final = 1_000_000
@@ -26,6 +26,7 @@ DURATION_S: Final = 1.4
 LAGS: Final = (0, 3, 6)  # frames at 30 Hz: 100 and 200 ms
 EVERY: Final = 3  # frames between samples
 SPEED_RANGE_PX_S: Final = (5.0, 250.0)
+MARGIN_PX: Final = (PATCH_PX - BACKGROUND_PX) // 2
 WANDER_PX: Final = 12.0  # a predicted track or a moving blob is not centred better than this
 CODED: Final = 0.6  # of the scenes: most cameras send coded video
 LEAST_VISIBLE: Final = 0.6  # of an object behind leaves; less is not to be learned
@@ -139,7 +140,7 @@ def _cut(material: Material, stack: Grey, labels: tuple[Label, ...], random: np.
     patch = stack[y : y + PATCH_PX, x : x + PATCH_PX].copy()
     inside = [label for label in labels if _overlaps(label, x, y)]
     if not inside:
-        material.backgrounds.append(patch)
+        material.backgrounds.append(patch[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX].copy())
     elif all(_whole(label, x, y) and label.visible >= LEAST_VISIBLE for label in inside):
         material.patches.append(Patch(patch, tuple(_box(label, x, y) for label in inside)))
 
