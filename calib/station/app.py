@@ -1,6 +1,8 @@
 """The command `base-station`: run, check, survey, solve.
 
 Exit codes: 0 done; 1 it could not be done, the reason and the next action on stderr; 2 wrong usage or configuration.
+Each command loads only what it needs: a station that was killed must be back in seconds, and surveying and solving
+take longer to load than all of the station.
 """
 
 import argparse
@@ -10,9 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from calib.station import check, survey_cli
 from calib.station.config import load
-from calib.station.station import run
 from edge import __version__
 from edge.errors import ConfigError, SkyfixError
 from edge.zenoh_log import ZenohLog
@@ -39,18 +39,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from calib.station.station import run  # noqa: PLC0415 -- loads only what it needs
+
     with ZenohLog():
         return run(load(arguments.config), _folder(arguments))
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    from calib.station import check  # noqa: PLC0415 -- as above
+
     return check.run(load(arguments.config), _folder(arguments))
 
 
 def _solve(arguments: argparse.Namespace) -> int:
-    from calib.station import solving  # noqa: PLC0415 -- slow to load; a station that was killed must be back in seconds
+    from calib.station import solving  # noqa: PLC0415 -- as above
 
     return solving.run(arguments)
+
+
+def _survey(arguments: argparse.Namespace) -> int:
+    from calib.station import survey_cli  # noqa: PLC0415 -- as above
+
+    return survey_cli.run(arguments)
 
 
 def _folder(arguments: argparse.Namespace) -> Path:
@@ -62,7 +72,7 @@ def _folder(arguments: argparse.Namespace) -> Path:
 COMMANDS: Final[dict[str, Callable[[argparse.Namespace], int]]] = {
     "run": _run,
     "check": _check,
-    "survey": survey_cli.run,
+    "survey": _survey,
     "solve": _solve,
 }
 
@@ -79,10 +89,13 @@ def _parser(command: str) -> argparse.ArgumentParser:
     _with_config(commands.add_parser("check", help="show the configuration and whether all it needs is there"))
     survey = commands.add_parser("survey", help="measure or enter where the cameras stand")
     _with_config(survey)
-    survey_cli.add_arguments(survey)
     solve = commands.add_parser("solve", help="calibrate from a track folder or a recording")
     solve.add_argument("--config", type=Path, help="configuration with surveyed positions, for a recording")
     solve.add_argument("-v", "--verbose", action="store_true", help="log more")
+    if command == "survey":
+        from calib.station import survey_cli  # noqa: PLC0415 -- as above
+
+        survey_cli.add_arguments(survey)
     if command == "solve":
         from calib.station import solving  # noqa: PLC0415 -- as above
 
