@@ -4,7 +4,7 @@
     python -m tools.train --yolo my-images --out my-model
 
 Needs the `train` extra (torch, onnx). Writes OUT-fp32.onnx, OUT.onnx (the same with an int8 body) and OUT.pt, the
-weights to go on from with `--begin`. About 55 minutes on two CPU cores; minutes with a GPU.
+weights to go on from with `--begin`. About 55 minutes on one CPU core; minutes with a GPU.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from tools.train.patches import CLASSES
 from tools.train.rendered import render_material
 from tools.train.yolo import all_classes, read_folder, read_names
 
-STEPS = 26000  # of 32 samples: 45 minutes on a quiet CPU; the losses still fall, but slowly
+STEPS = 32000  # of 32 samples: 46 minutes on one CPU core; the losses still fall, but slowly
 SCENES = 120  # rendered: about 1700 patches and 1400 backgrounds, a fifth of what the clips give
 SIGMA_SCENES = 150  # rendered, for the calibration of sigma
 STAGES = (0.25, 0.3, 0.45)  # of the steps: a net that knows nothing yet cannot say which backgrounds are hard

@@ -17,14 +17,18 @@ JPEG_QUALITY: Final = (35, 92)
 DIFFERENCES: Final = 0.6  # of the compressed: those whose later frames are coded as differences, as video is
 
 
-def expose(image: Floats, random: np.random.Generator) -> Grey:
-    """The stack `(H, W, 3)` uint8 that a camera makes of a float one, which is used up."""
+def noise(random: np.random.Generator) -> float:
+    """One sigma of a camera's noise, grey levels."""
+    return float(np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]))))
+
+
+def expose(image: Floats, sigma: float, random: np.random.Generator) -> Grey:
+    """The stack `(H, W, 3)` uint8 that a camera with noise of `sigma` makes of a float one, which is used up."""
     if random.random() < SHAKEN:
         _shake(image, random)
     if random.random() < BLURRED:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), random.uniform(0.3, 1.0)), np.float32)
     image = (image - 128) * random.uniform(0.6, 1.3) + 128 + random.normal(0, 15)
-    sigma = float(np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]))))
     image = image + random.standard_normal(image.shape, np.float32) * np.float32(sigma)
     stack: Grey = np.clip(image + 0.5, 0, 255).astype(np.uint8)
     if random.random() < COMPRESSED:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from tools.train.backdrops import foliage, sky
-from tools.train.camera import expose
+from tools.train.camera import expose, noise
 from tools.train.footage import Material
 from tools.train.paste import Pose, Vector, insect_velocity, lay, velocity, visible_look
 from tools.train.patches import CLASSES, UNKNOWN_CLASS, Box, Cutout, Floats, Grey
@@ -32,6 +32,7 @@ LARGEST_ZOOM: Final = 1.3  # of a cut-out: enlarged more, it is softer than anyt
 APART_PX: Final = 8  # between two objects: closer, they share a peak of the net
 TEXTURE_PX: Final = 10  # about a place: where the background's scatter is measured
 LEAFY: Final = 15.0  # grey levels of scatter among which an object is twice SMALLEST_PX at least
+NOISY: Final = 3.0  # times the camera's noise an object must differ by, to be seen through it
 INSECT_PX: Final = (1.5, 6.0)
 
 Views = tuple[tuple[Cutout, ...], int]
@@ -90,6 +91,7 @@ class Composer:
     def sample(self) -> tuple[Grey, list[Box]]:
         """One stack and the objects whose centres lie in it."""
         kind = self.random.random()
+        sigma = noise(self.random)
         boxes: list[Box] = []
         if kind < self.mix.patch and self.patches:
             patch = _pick(self.patches, self.random)
@@ -100,10 +102,10 @@ class Composer:
             image = self._background() if real else self._drawn_background()
             pastes = 0 if self.random.random() < self.mix.empty else int(self.random.choice([1, 1, 2]))
         for _ in range(pastes):
-            self._paste(image, boxes)
+            self._paste(image, boxes, sigma)
         if self.random.random() < self.mix.insects:
-            self._insects(image)
-        return expose(image, self.random), boxes
+            self._insects(image, sigma)
+        return expose(image, sigma, self.random), boxes
 
     def _background(self) -> Floats:
         k = int(np.searchsorted(self._background_share, self.random.random() * self._background_share[-1]))
@@ -113,7 +115,7 @@ class Composer:
     def _drawn_background(self) -> Floats:
         return (foliage if self.random.random() < self.mix.foliage else sky)(CROP_PX, self.random)
 
-    def _paste(self, image: Floats, boxes: list[Box]) -> None:
+    def _paste(self, image: Floats, boxes: list[Box], sigma: float) -> None:
         """Set one object on the image, in motion, and add its box; none where there is one already."""
         random = self.random
         views, label = self._views()
@@ -124,29 +126,32 @@ class Composer:
             return
         smallest = SMALLEST_PX * (1 + min(_scatter(image, place) / LEAFY, 1))
         length = float(np.exp(random.uniform(np.log(smallest), np.log(max(largest, smallest + 1)))))
-        smear = self._fly(image, views, place, velocity(length, random), length / longest)
+        smear = self._fly(image, views, place, velocity(length, random), scale=length / longest, sigma=sigma)
         scale = length / longest
         width, height = (max(s * scale + abs(m), 1.0) for s, m in zip(views[0].size_px, smear, strict=True))
         boxes.append(Box(float(place[0]), float(place[1]), float(width), float(height), label, exact=1.0))
 
-    def _fly(self, image: Floats, views: tuple[Cutout, ...], place: Vector, motion: Vector, scale: float) -> Vector:
-        """Lay an object at its place now and where it was before; its motion blur `(2,)` px."""
+    def _fly(
+        self, image: Floats, views: tuple[Cutout, ...], place: Vector, motion: Vector, *, scale: float, sigma: float
+    ) -> Vector:
+        """Lay an object where it is and was, to be seen through noise of `sigma`; its motion blur `(2,)` px."""
         random = self.random
         mirror = -1.0 if random.random() < 0.5 else 1.0
         behind = float(image[int(place[1]), int(place[0]), 0])
-        look = visible_look(views[0], behind, _scatter(image, place), random)
+        look = visible_look(views[0], behind, _scatter(image, place) + NOISY * sigma, random)
         smear: Vector = motion * random.uniform(0, 0.2) if random.random() < 0.4 else np.zeros(2)
         for k, view in enumerate(views):
             lay(image[:, :, k], view, Pose(place - motion * k, (scale * mirror, scale), smear), look)
         return smear
 
-    def _insects(self, image: Floats) -> None:
+    def _insects(self, image: Floats, sigma: float) -> None:
         """One or two specks that cross the picture far faster than their size allows an aircraft; they get no box."""
         for _ in range(int(self.random.integers(1, 3))):
             views, _ = self.drawn[int(self.random.integers(len(self.drawn)))]
             length = float(self.random.uniform(*INSECT_PX))
             place = self.random.uniform(0, CROP_PX - 1, 2)
-            self._fly(image, views, place, insect_velocity(length, self.random), length / max(views[0].size_px))
+            scale = length / max(views[0].size_px)
+            self._fly(image, views, place, insect_velocity(length, self.random), scale=scale, sigma=sigma)
 
     def _views(self) -> Views:
         if self.random.random() < self.mix.drawn_cutout or not self.cutouts:
