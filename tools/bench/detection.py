@@ -4,8 +4,8 @@ Four rows of figures for the drones and four for everything: the model on whole 
 the box's own two stages, and what its gate lets through. Labels are 1.5 to 3 times the object, so the centre measures
 count. Detections are written to --out as tables for `tools.evaluate_detections`.
 
-Two thirds of the clips number their labels from 1 (tools/train/footage.py). They are counted from 0 here unless
---as-numbered asks for the tables to the letter, in which the first frame of such a clip holds a drone and no label.
+Two thirds of the clips number their labels from 1 (tools/train/footage.py). They are counted from 0 here; the drones
+are scored a second time by the tables to the letter, by which the first frame of such a clip has a drone and no label.
 """
 
 import argparse
@@ -208,7 +208,6 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--match", default="", help="only clips whose name holds this")
     parser.add_argument("--every", type=int, default=5, help="whole frames: look at one in so many (default 5)")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--as-numbered", action="store_true", help="take the labels' frame numbers to the letter")
     parser.add_argument("--out", type=Path, help="where the detections are written as tables")
     options = parser.parse_args(argv)
     try:
@@ -220,12 +219,13 @@ def main(argv: list[str] | None = None) -> int:
     except SkyfixError as error:
         print(error, file=sys.stderr)
         return 1
-    if not options.as_numbered:
-        labels |= {result.clip: from_zero(labels[result.clip], result.frames) for result in results}
+    as_numbered = labels
+    labels = labels | {result.clip: from_zero(labels[result.clip], result.frames) for result in results}
     print(f"{options.model}, {len(results)} clips of {options.part}, {sum(r.frames for r in results)} frames")
     drones = [result for result in results if "_DRONE_" in result.clip]
     if drones:
         show("drones", figures(drones, labels, options.every))
+        show("drones, the labels' frames numbered as they stand", figures(drones, as_numbered, options.every))
     show("all", figures(results, labels, options.every))
     show_votes(results)
     if options.out:
