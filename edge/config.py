@@ -94,7 +94,10 @@ class GateConfig(Section, frozen=True, kw_only=True):
     """What makes detections a track."""
 
     profile: Literal["tracks", "paper"] = "tracks"
-    score_confirm: Annotated[Share, Meta(description="a track needs one detection at least so good")] = 0.4
+    score_confirm: (
+        Annotated[Share, Meta(description="mean score of a track to be believed; left out: what suits the model")]
+        | None
+    ) = None
     confirm_hits: Annotated[int, Meta(ge=2, le=100)] = 5
     confirm_window_s: Positive = 0.27
     speed_max_px_s: Annotated[float, Meta(gt=0, description="faster is not followed")] = 900.0

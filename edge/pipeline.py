@@ -46,7 +46,7 @@ class Pipeline:
         self._facts = facts
         self._detector = detector
         self._clock_bound_s = clock_bound_s
-        self._gate: Gate = make_gate(facts.gate, facts.lens.size_px)
+        self._gate = self._new_gate(1)
         self._seq = 0
         self._last_t_unix_ns: int | None = None
         self._last_said_unix_ns = 0
@@ -54,6 +54,9 @@ class Pipeline:
         self._counts = dict.fromkeys(("frames_backwards", "rows_without_ray", "rows_published", "clock_stepped"), 0.0)
         self.view = ViewWatch()
         self.latest: tuple[Frame, list[Row]] | None = None
+
+    def _new_gate(self, first_track: int) -> Gate:
+        return make_gate(self._facts.gate, self._facts.lens.size_px, self._detector.score_usual, first_track)
 
     def step(self, frame: Frame) -> list[Tracks]:
         """The messages that one more frame decides. Raises ConfigError if the lens is of another resolution."""
@@ -85,7 +88,7 @@ class Pipeline:
                 self._counts["frames_backwards"] += 1
                 return False
             self._counts["clock_stepped"] += 1
-            self._gate = make_gate(self._facts.gate, self._facts.lens.size_px, self._gate.next_track)
+            self._gate = self._new_gate(self._gate.next_track)
         self._last_t_unix_ns = frame.t_unix_ns
         return True
 

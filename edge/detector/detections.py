@@ -63,6 +63,8 @@ class Detector(Protocol):
     """Whether it wants BGR frames rather than grey ones."""
     remembers: bool
     """Whether a frame's result depends on the frames before it, so that frames must be given one by one."""
+    score_usual: float
+    """Mean score that a track of a real object keeps up and one of clutter does not."""
 
     def detect(self, frame: Frame, expected_px: Array) -> Detections:
         """The objects in a frame. expected_px: `(M, 2)` where tracks are expected; a detector may look there first."""

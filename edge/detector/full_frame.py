@@ -23,6 +23,7 @@ from edge.errors import ModelError
 IMAGENET_MEAN: Final = (0.485, 0.456, 0.406)  # RGB, what DETR backbones were trained with
 IMAGENET_STD: Final = (0.229, 0.224, 0.225)
 TILE_OVERLAP: Final = 0.2  # share of a tile: an object up to a fifth of it is whole in some tile
+SCORE_USUAL: Final = 0.3  # models differ: little more than detector.score_min, and gate.score_confirm for the rest
 TILE_IOU: Final = 0.2  # the same object seen in two tiles overlaps itself at least so much
 
 
@@ -84,6 +85,7 @@ class FullFrame:
         self._targets_input = next((port.name for port in model.inputs[1:]), None)
         self.colour = self._input.channels == 3
         self.remembers = False
+        self.score_usual = SCORE_USUAL
         self.class_names = config.class_names or read_class_names(model)
         self._frames = 0
         self._check_by_running()

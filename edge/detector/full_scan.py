@@ -7,7 +7,7 @@ from edge.config import DetectorConfig
 from edge.detector.detections import Array, Detections
 from edge.detector.history import History
 from edge.detector.scan import padded_stack
-from edge.detector.skyfix import StackNet
+from edge.detector.skyfix import SCORE_USUAL, StackNet
 
 
 class FullScan:
@@ -15,6 +15,7 @@ class FullScan:
 
     colour = False
     remembers = True
+    score_usual = SCORE_USUAL
 
     def __init__(self, net: StackNet, config: DetectorConfig) -> None:
         self._net = net

@@ -17,7 +17,7 @@ from edge.detector.history import History
 from edge.detector.motion import NO_BLOBS, MotionDetector
 from edge.detector.nms import suppress
 from edge.detector.scan import Scanner
-from edge.detector.skyfix import StackNet
+from edge.detector.skyfix import SCORE_USUAL, StackNet
 
 SAME_OBJECT_IOU: Final = 0.2  # one object in two crops overlaps itself by far more, two objects by less
 
@@ -27,6 +27,7 @@ class TwoStage:
 
     colour = False
     remembers = True
+    score_usual = SCORE_USUAL
 
     def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool) -> None:
         self._net = net

@@ -95,6 +95,11 @@ class Track:
         """How many measurements it has from t_unix_ns on."""
         return sum(row.t_unix_ns >= t_unix_ns for row in self.places)
 
+    def mean_score(self, since_unix_ns: int) -> float:
+        """How sure its detector was of it since since_unix_ns, on the average."""
+        scores = [row.score for row in self.places if row.t_unix_ns >= since_unix_ns]
+        return sum(scores) / len(scores)
+
     def moved_px(self, since_unix_ns: int) -> float:
         """How far it is now from where it was at the earliest measurement not before since_unix_ns."""
         first = next(row for row in self.places if row.t_unix_ns >= since_unix_ns or row is self.places[-1])

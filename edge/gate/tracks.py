@@ -2,6 +2,8 @@
 
 On a static camera the false detections are static clutter, which any rule of the kind "again within ten pixels"
 confirms. What tells an object from them is net movement; a drone that has moved once and then hovers stays believed.
+And the detector is sure of an object in frame after frame, of a leaf only now and then: a track's mean score tells the
+two apart where its best score does not.
 Every limit is in seconds and pixels per second, so that a camera of another frame rate or one that drops frames is
 gated the same way. When a track is believed, what it was seen as before is given too: those were measurements as well.
 """
@@ -32,6 +34,7 @@ ROUGH_SHARE: Final = 0.04  # of the net movement
 CLUTTER_FACTOR: Final = 4.0  # in a wholly cluttered place a track must move so many times further, and once more
 FLOWN: Final = 4.0  # times moved_min_px from where it began: what went so far once may hover, what did not may not
 CLUTTERED: Final = 0.3  # level of a place in which a believed track may not rest
+SCORE_KEPT: Final = 0.85  # of the score that makes a track believed: the least it must keep up over HISTORY_S
 WAITING_S: Final = 1.0  # how much of its unbelieved past a track gives when it is believed
 SIZE_RATIO_MAX: Final = 3.0  # a box three times as large is another object
 STATIC_CROPS: Final = 4  # places of unbelieved, unmoved tracks worth a look a frame: clutter must not eat the budget
@@ -40,8 +43,9 @@ STATIC_CROPS: Final = 4  # places of unbelieved, unmoved tracks worth a look a f
 class TrackGate:
     """Tracks over a stream of frames. size_px: width and height of the image."""
 
-    def __init__(self, size_px: tuple[int, int], config: GateConfig) -> None:
+    def __init__(self, size_px: tuple[int, int], config: GateConfig, score_usual: float) -> None:
         self._config = config
+        self._score_least = score_usual if config.score_confirm is None else config.score_confirm
         self._size_px = size_px
         self._clutter = ClutterMap(size_px)
         self._tracks: list[Track] = []
@@ -129,10 +133,11 @@ class TrackGate:
     def _believable(self, track: Track) -> bool:
         now, config = track.t_unix_ns, self._config
         window_ns = max(config.confirm_window_s * 1e9, WINDOW_SLACK * config.confirm_hits * self._interval_ns())
-        if track.hits_since(round(now - window_ns)) < config.confirm_hits or track.best_score < config.score_confirm:
+        since = round(now - config.moved_window_s * 1e9)
+        seen = track.hits_since(round(now - window_ns)) >= config.confirm_hits
+        if not seen or track.mean_score(since) < self._score_least:
             return False
         enough_px = config.moved_min_px * (1 + CLUTTER_FACTOR * track.clutter)
-        since = round(now - config.moved_window_s * 1e9)
         moved_px, sigma_px = track.moved_px(since), track.sigma_px(since)
         if moved_px < max(enough_px, MOVED_SIGMAS * sigma_px):
             return False
@@ -158,8 +163,8 @@ class TrackGate:
         self._tracks = kept
 
     def _is_clutter(self, track: Track) -> bool:
-        """An old track that is not believed, or that came to rest without having flown far, or among clutter."""
-        if not track.confirmed:
+        """An old track not believed, hardly seen any more, or that rests among clutter or without having flown far."""
+        if not track.confirmed or track.mean_score(track.places[0].t_unix_ns) < SCORE_KEPT * self._score_least:
             return True
         moved_px, least_px = track.moved_px(track.places[0].t_unix_ns), self._config.moved_min_px
         if track.reach_px < FLOWN * least_px and moved_px < least_px:

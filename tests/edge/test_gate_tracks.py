@@ -8,6 +8,7 @@ from edge.detector.detections import Detections, nothing
 from edge.gate import Row, TrackGate
 
 SIZE = (1920, 1080)
+USUAL = 0.45  # what the detector says of objects
 T0 = 1_700_000_000 * 10**9
 
 
@@ -20,7 +21,7 @@ def found(places: np.ndarray, score: float = 0.7) -> Detections:
 
 
 def run(frames: list[np.ndarray], fps: float = 30.0, config: GateConfig | None = None, score: float = 0.7) -> list[Row]:
-    gate = TrackGate(SIZE, config or GateConfig())
+    gate = TrackGate(SIZE, config or GateConfig(), USUAL)
     rows = []
     for k, places in enumerate(frames):
         rows += gate.step(T0 + round(k / fps * 1e9), found(places, score))
@@ -112,8 +113,31 @@ def test_doubtful_scores_alone_are_not_believed() -> None:
     assert run(flying(60), score=0.3) == []
 
 
+def test_one_good_look_among_doubtful_ones_is_not_believed() -> None:
+    gate = TrackGate(SIZE, GateConfig(), USUAL)
+    rows = [
+        row
+        for k, places in enumerate(flying(90))
+        for row in gate.step(T0 + round(k / 30 * 1e9), found(places, 0.8 if k % 10 == 0 else 0.3))
+    ]
+    assert rows == []
+
+
+def test_the_configuration_may_ask_for_less_than_the_detector_does() -> None:
+    assert run(flying(60), score=0.3, config=GateConfig(score_confirm=0.2))
+
+
+def test_a_track_that_is_hardly_seen_any_more_is_let_go_and_a_faint_one_is_kept() -> None:
+    for score, kept in ((0.3, False), (0.42, True)):
+        gate = TrackGate(SIZE, GateConfig(), USUAL)
+        last = []
+        for k, places in enumerate(flying(300, speed=40.0)):
+            last = gate.step(T0 + round(k / 30 * 1e9), found(places, 0.7 if k < 60 else score))
+        assert bool(last) == kept
+
+
 def test_class_is_voted_along_the_track() -> None:
-    gate = TrackGate(SIZE, GateConfig())
+    gate = TrackGate(SIZE, GateConfig(), USUAL)
     rows = []
     for k, places in enumerate(flying(60)):
         classes = np.array([[0.1, 0.9]]) if k % 5 == 0 else np.array([[0.8, 0.2]])
@@ -124,7 +148,7 @@ def test_class_is_voted_along_the_track() -> None:
 
 
 def test_tracks_are_expected_where_they_will_be() -> None:
-    gate = TrackGate(SIZE, GateConfig())
+    gate = TrackGate(SIZE, GateConfig(), USUAL)
     for k, places in enumerate(flying(30)):
         gate.step(T0 + round(k / 30 * 1e9), found(places))
     u, v, extent = gate.expected(T0 + round(31 / 30 * 1e9))[0]
@@ -133,7 +157,7 @@ def test_tracks_are_expected_where_they_will_be() -> None:
 
 
 def test_same_frame_twice_changes_nothing() -> None:
-    gate = TrackGate(SIZE, GateConfig())
+    gate = TrackGate(SIZE, GateConfig(), USUAL)
     gate.step(T0, found(np.array([[5.0, 5.0]])))
     assert gate.step(T0, found(np.array([[5.0, 5.0]]))) == []
     assert gate.step(T0 - 1, found(np.array([[5.0, 5.0]]))) == []

@@ -101,7 +101,7 @@ def staged(video: Path, model: str) -> tuple[Boxes, list[Row], int, tuple[str, .
     detector = open_detector(DetectorConfig(model=model), background=False)
     gate, found, rows = None, [], []
     for frame in frames_of(video):
-        gate = gate or make_gate(GateConfig(), frame.size_px)
+        gate = gate or make_gate(GateConfig(), frame.size_px, detector.score_usual)
         found.append(detector.detect(frame, gate.expected(frame.t_unix_ns)))
         rows += gate.step(frame.t_unix_ns, found[-1])
     return _boxes(found, 1.0), rows, len(found), detector.class_names
