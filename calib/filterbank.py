@@ -33,19 +33,19 @@ LOOKS: Final = 4  # linearisations at most
 
 @dataclass(frozen=True)
 class Prediction:
-    """All states taken to one instant: `state` (N, 9), `covariance` (N, 9, 9), `with_poses` (N, 9, 6 C) there.
+    """All states taken to one instant: `state` (N, 9), `covariance` (N, 9, 9), by the `transition` (N, 9, 9) that did.
 
-    base_*: what an update is applied to, at `base_t_s`: the same, or for a late instant the states as they stand.
-    cross: (N, 9, 9) covariance of the base with `state`.
+    base_*: what an update is applied to, at `base_t_s`: the same, or for a late instant the states as they stand;
+    base_transition takes the bank's states there. cross: (N, 9, 9) covariance of the base with `state`.
     """
 
+    transition: Array
     state: Array
     covariance: Array
-    with_poses: Array
+    base_transition: Array
     base_t_s: Array
     base_state: Array
     base_covariance: Array
-    base_with_poses: Array
     cross: Array
 
 
@@ -83,11 +83,10 @@ class Look:
 
 @dataclass(frozen=True)
 class _Line:
-    """A tangent to the projection: H (K, 2, 9), by_pose (K, 2, 6), what it makes of the states' covariances."""
+    """A tangent to the projection: H (K, 2, 9) by the states, by_pose (K, 2, 6), and what it makes of a ray."""
 
     H: Array
     by_pose: Array
-    with_poses: Array
     inverse: Array
     gain_there: Array
     innovation: Array
@@ -96,18 +95,12 @@ class _Line:
 
 @dataclass(frozen=True)
 class _Before:
-    """What is known of K targets at the instant of a ray, and of the poses. poses: (6, 6 C) rows of that camera's."""
+    """What is known of K targets at the instant of a ray: with_pose (K, 9, 6) and pose (6, 6), of its camera's pose."""
 
     state: Array
     covariance: Array
-    with_poses: Array
-    poses: Array
-    at: slice
-
-    @classmethod
-    def of(cls, prediction: Prediction, which: NDArray[np.intp], poses: Array, at: slice) -> "_Before":
-        """Targets `which` of a prediction."""
-        return cls(prediction.state[which], prediction.covariance[which], prediction.with_poses[which], poses, at)
+    with_pose: Array
+    pose: Array
 
     def linearised(self, seen: Sighting, rays: Rays, about: Array | None = None) -> _Line:
         """The tangent at a sighting of states about (K, 9): by default the predicted ones."""
@@ -115,21 +108,23 @@ class _Before:
         H = np.zeros((len(about), 2, STATE))
         H[:, :, :3] = seen.by_point
         H[:, :, 3:6] = seen.by_point * rays.after_s[:, None, None]
-        with_poses = np.matmul(H, self.with_poses) + np.matmul(seen.by_pose, self.poses)
-        there = np.matmul(self.covariance, H.transpose(0, 2, 1))
-        there += np.matmul(self.with_poses[:, :, self.at], seen.by_pose.transpose(0, 2, 1))
-        S = np.matmul(H, there) + np.matmul(with_poses[:, :, self.at], seen.by_pose.transpose(0, 2, 1))
-        S += np.eye(2) * (rays.sigma_px**2)[:, None, None]
-        inverse = np.linalg.inv(S)
+        by_pose_t = seen.by_pose.transpose(0, 2, 1)
+        there = np.matmul(self.covariance, H.transpose(0, 2, 1)) + np.matmul(self.with_pose, by_pose_t)
+        S = np.matmul(H, there)
+        S += np.matmul(np.matmul(H, self.with_pose) + np.matmul(seen.by_pose, self.pose), by_pose_t)
+        S[:, 0, 0] += rays.sigma_px**2
+        S[:, 1, 1] += rays.sigma_px**2
+        inverse = _inverse_2x2(S)
         drift = np.matmul(seen.by_point, about[:, 3:6, None])[:, :, 0]
         innovation = rays.pixels - seen.pixels - drift * rays.after_s[:, None]
-        innovation -= np.matmul(H, (self.state - about)[:, :, None])[:, :, 0]
-        return _Line(H, seen.by_pose, with_poses, inverse, np.matmul(there, inverse), innovation, about)
+        if about is not self.state:
+            innovation -= np.matmul(H, (self.state - about)[:, :, None])[:, :, 0]
+        return _Line(H, seen.by_pose, inverse, np.matmul(there, inverse), innovation, about)
 
     def far(self, line: _Line, after: Array, centre_enu: Array) -> bool:
         """Whether any target has moved too far from where the tangent touches."""
-        step = np.linalg.norm(after[:, :3] - line.about[:, :3], axis=1)
-        return bool((step > FAR * np.linalg.norm(line.about[:, :3] - centre_enu, axis=1)).any())
+        step, ahead = after[:, :3] - line.about[:, :3], line.about[:, :3] - centre_enu
+        return bool((np.einsum("ni,ni->n", step, step) > FAR**2 * np.einsum("ni,ni->n", ahead, ahead)).any())
 
 
 @dataclass
@@ -183,20 +178,19 @@ class FilterBank:
         half = np.matmul(F, self.covariance)
         covariance = np.matmul(half, F.transpose(0, 2, 1))
         covariance += self.motion.noise(dt_s) * self.expected_vigour[:, None, None]
-        with_poses = np.matmul(F, self.with_poses)
         if (dt_s >= 0).all():
             now = np.full(len(self), t_s)
-            return Prediction(state, covariance, with_poses, now, state, covariance, with_poses, covariance)
+            return Prediction(F, state, covariance, F, now, state, covariance, covariance)
         ahead = dt_s >= 0
         ahead1, ahead2 = ahead[:, None], ahead[:, None, None]
         return Prediction(
+            F,
             state,
             covariance,
-            with_poses,
+            np.where(ahead2, F, np.eye(STATE)),
             np.where(ahead, t_s, self.t_s),
             np.where(ahead1, state, self.state),
             np.where(ahead2, covariance, self.covariance),
-            np.where(ahead2, with_poses, self.with_poses),
             np.where(ahead2, covariance, half.transpose(0, 2, 1)),
         )
 
@@ -205,7 +199,8 @@ class FilterBank:
         H, at = sighting.by_point, slice(POSE_SIZE * camera, POSE_SIZE * (camera + 1))
         drift = np.matmul(H, prediction.state[:, 3:6, None])[:, :, 0]
         seen = np.matmul(np.matmul(H, prediction.covariance[:, :3, :3]), H.transpose(0, 2, 1))
-        shared = np.matmul(np.matmul(H, prediction.with_poses[:, :3, at]), sighting.by_pose.transpose(0, 2, 1))
+        with_pose = np.matmul(prediction.transition[:, :3], self.with_poses[:, :, at])
+        shared = np.matmul(np.matmul(H, with_pose), sighting.by_pose.transpose(0, 2, 1))
         pose = np.matmul(sighting.by_pose, self.network.covariance[at, at])
         pose = np.matmul(pose, sighting.by_pose.transpose(0, 2, 1))
         return Expected(sighting, drift, seen + shared + shared.transpose(0, 2, 1) + pose)
@@ -216,7 +211,13 @@ class FilterBank:
         Returns each one's squared normalised innovation (K,), 2 degrees of freedom.
         """
         at = slice(POSE_SIZE * look.camera, POSE_SIZE * (look.camera + 1))
-        before = _Before.of(prediction, which, self.network.covariance[at], at)
+        transition, with_pose = prediction.transition[which], self.with_poses[which, :, at]
+        before = _Before(
+            prediction.state[which],
+            prediction.covariance[which],
+            np.matmul(transition, with_pose),
+            self.network.covariance[at, at],
+        )
         line = before.linearised(look.sighting, look.rays)
         distance2: Array = np.einsum("ni,nij,nj->n", line.innovation, line.inverse, line.innovation)
         for _ in range(1, LOOKS):
@@ -227,25 +228,33 @@ class FilterBank:
             if not again.valid.all():
                 break
             line = before.linearised(again, look.rays, after)
-        self._take(prediction, which, before, line)
+        self._take(prediction, which, line, at)
         return distance2
 
-    def _take(self, prediction: Prediction, which: NDArray[np.intp], before: "_Before", line: "_Line") -> None:
+    def _take(self, prediction: Prediction, which: NDArray[np.intp], line: _Line, at: slice) -> None:
         passed_s = prediction.base_t_s[which] - self.t_s[which]
+        transition = prediction.base_transition[which]
         in_pixels = np.matmul(prediction.cross[which], line.H.transpose(0, 2, 1))
-        in_pixels += np.matmul(prediction.base_with_poses[which][:, :, before.at], line.by_pose.transpose(0, 2, 1))
+        base_with_pose = np.matmul(transition, self.with_poses[which, :, at])
+        in_pixels += np.matmul(base_with_pose, line.by_pose.transpose(0, 2, 1))
         gain = np.matmul(in_pixels, line.inverse)
         self.t_s[which] = prediction.base_t_s[which]
         self.state[which] = prediction.base_state[which] + np.matmul(gain, line.innovation[:, :, None])[:, :, 0]
         covariance = prediction.base_covariance[which] - np.matmul(gain, in_pixels.transpose(0, 2, 1))
         self.covariance[which] = (covariance + covariance.transpose(0, 2, 1)) / 2
-        self.with_poses[which] = prediction.base_with_poses[which] - np.matmul(gain, line.with_poses)
+        # All poses at once: with a hundred cameras this is the largest of the filter's sums.
+        kept = transition - np.matmul(gain, np.matmul(line.H, prediction.transition[which]))
+        with_poses = np.matmul(kept, self.with_poses[which])
+        with_poses -= np.matmul(np.matmul(gain, line.by_pose), self.network.covariance[at])
+        self.with_poses[which] = with_poses
         self._learn(which, passed_s)
 
     def _learn(self, which: NDArray[np.intp], passed_s: Array) -> None:
         """How hard each target manoeuvres: the expectation step of EM, forgetting (Dempster et al. 1977)."""
-        acceleration = np.square(self.state[which, 6:]) + np.diagonal(self.covariance[which], axis1=1, axis2=2)[:, 6:]
-        seen = np.clip(acceleration.mean(axis=1) / self.motion.sigma_m_s2**2, *VIGOUR)
+        covariance = self.covariance[which]
+        variance = covariance[:, 6, 6] + covariance[:, 7, 7] + covariance[:, 8, 8]
+        acceleration = np.einsum("ni,ni->n", self.state[which, 6:], self.state[which, 6:]) + variance
+        seen = np.minimum(np.maximum(acceleration / (3 * self.motion.sigma_m_s2**2), VIGOUR[0]), VIGOUR[1])
         memory_s = np.where(seen > self.vigour[which], AWAKES_S, CALMS_S)
         self.vigour[which] += (seen - self.vigour[which]) * np.minimum(passed_s / memory_s, 1.0)
 
@@ -265,6 +274,15 @@ class FilterBank:
         self.with_poses = np.matmul(follows, network.covariance[of_new])
         self.t_s = self.t_s + (old.t_mid_unix_ns - network.t_mid_unix_ns) * 1e-9
         self.network = network
+
+
+def _inverse_2x2(matrix: Array) -> Array:
+    """(K, 2, 2) inverses; numpy's own takes three times as long for a few."""
+    a, b, c, d = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 0], matrix[:, 1, 1]
+    inverse = np.empty_like(matrix)
+    inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 0], inverse[:, 1, 1] = d, -b, -c, a
+    inverse /= (a * d - b * c)[:, None, None]
+    return inverse
 
 
 def _columns(network: Network, cameras: list[str]) -> list[int]:

@@ -46,7 +46,9 @@ class Singer:
         """(..., 3) position, velocity and acceleration s seconds after a unit acceleration."""
         decay = np.exp(-s / self.tau_s)
         velocity = self.tau_s * (1.0 - decay)
-        return np.stack([self.tau_s * (s - velocity), velocity, decay], axis=-1)
+        response = np.empty((*np.shape(s), 3))
+        response[..., 0], response[..., 1], response[..., 2] = self.tau_s * (s - velocity), velocity, decay
+        return response
 
 
 def _per_axis(blocks: Array) -> Array:

@@ -8,6 +8,7 @@ cameras share do not average away), and its fingerprint says which solution a po
 import hashlib
 import tomllib
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import tomli_w
@@ -92,6 +93,11 @@ class Network:
                 where=self.site,
                 action=f"give ({size}, {size})",
             )
+
+    @cached_property
+    def ids(self) -> frozenset[str]:
+        """Names of all cameras."""
+        return frozenset(camera.id for camera in self.cameras)
 
     def camera(self, camera_id: str) -> Camera | None:
         """The camera of that id, or None if it is not part of the network."""

@@ -55,7 +55,7 @@ class View:
         ahead = in_camera[:, 2] > 0
         depth = np.where(ahead, in_camera[:, 2], 1.0)
         rays = in_camera[:, :2] / depth[:, None]
-        valid = ahead & (np.hypot(rays[:, 0], rays[:, 1]) < self.widest_ray)
+        valid = ahead & (np.einsum("ni,ni->n", rays, rays) < self.widest_ray**2)
         rays = np.where(valid[:, None], rays, 0.0)
         bent = distort(camera.lens, rays)
         focal = np.array(camera.lens.intrinsics[:2])
@@ -80,4 +80,6 @@ def _cross(points: Array, rows: Array) -> Array:
     """(N, 2, 3) cross products of points (N, 3) with rows (N, 2, 3); numpy's own takes ten times as long."""
     x, y, z = points[:, 0, None], points[:, 1, None], points[:, 2, None]
     a, b, c = rows[:, :, 0], rows[:, :, 1], rows[:, :, 2]
-    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=2)
+    product = np.empty(rows.shape)
+    product[:, :, 0], product[:, :, 1], product[:, :, 2] = y * c - z * b, z * a - x * c, x * b - y * a
+    return product

@@ -8,6 +8,7 @@ target nobody has seen for a while coasts, with a covariance that grows, and is 
 Time here is site time: seconds since the network's own epoch. The caller says what "now" is.
 """
 
+import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -34,6 +35,7 @@ EDGE_PX: Final = 12.0  # a target so near the image's edge may be half outside: 
 SAME_LABEL_BONUS: Final = 4.0  # squared sigma: what a camera's own track number is worth where two targets cross
 DETECTED: Final = 0.8  # how often a camera that sees a target reports it
 CLUTTER_A_FRAME: Final = 1.0
+MISSED: Final = math.log(1 - DETECTED)  # log-likelihood that a target that is there is not reported
 TENTATIVE_S: Final = 1.5  # s a tentative target may go unseen
 TWIN_SIGMA2: Final = 12.0  # squared normalised distance within which two targets are one object, 3 degrees of freedom
 
@@ -170,47 +172,54 @@ class Tracker:
         prediction = self._bank.predict(t_s)
         sighting = self._views[number].sight(prediction.state[:, :3])
         expected = self._bank.expect(prediction, sighting, number)
-        pairs = self._match(number, label, rays, expected)
+        pairs, odds = self._match(number, label, rays, expected)
         which, detection = np.array([p[0] for p in pairs], int), np.array([p[1] for p in pairs], int)
         due = sighting.valid & self._views[number].inside(sighting.pixels, EDGE_PX)
         if pairs:
             chosen = rays.chosen(detection)
             look = Look(number, self._views[number], sighting.chosen(which), chosen)
             distance2 = self._bank.update(prediction, which, look)
-            spread = np.linalg.det(expected.covariance[which] + np.eye(2) * (chosen.sigma_px**2)[:, None, None])
-            gain = self._odds(number, spread) - distance2 / 2
+            gain = odds[which, detection] - distance2 / 2
             self._beliefs.hit(number, which, t_s, Evidence(label[detection], gain, distance2))
             taken[detection] = True
             due[which] = False
-        self._beliefs.miss(number, np.nonzero(due)[0], float(np.log(1 - DETECTED)))
+        self._beliefs.miss(number, np.nonzero(due)[0], MISSED)
         return taken, [self._beliefs.track[k] for k in which]
 
     def _odds(self, number: int, determinant: Array) -> Array:
         """Log-likelihood ratio of a detection right where a target is expected, against clutter."""
-        area = float(np.prod(self.network.cameras[number].lens.size_px))
-        return np.log(DETECTED * area / CLUTTER_A_FRAME / (2 * np.pi * np.sqrt(determinant)))
+        width, height = self.network.cameras[number].lens.size_px
+        constant = math.log(DETECTED * width * height / CLUTTER_A_FRAME / (2 * math.pi))
+        odds: Array = constant - np.log(determinant) / 2
+        return odds
 
-    def _match(self, number: int, label: NDArray[np.int64], rays: Rays, expected: Expected) -> list[tuple[int, int]]:
-        """Confirmed targets choose first; what they leave is the tentative ones'."""
+    def _match(
+        self, number: int, label: NDArray[np.int64], rays: Rays, expected: Expected
+    ) -> tuple[list[tuple[int, int]], Array]:
+        """Pairs of target and detection, and the odds (N, K) of each against clutter.
+
+        Confirmed targets choose first; what they leave is the tentative ones'.
+        """
         valid = expected.sighting.valid
         if not len(label) or not valid.any():
-            return []
+            return [], np.zeros((len(valid), len(label)))
         S, drift = expected.covariance, expected.drift[:, None] * rays.after_s[None, :, None]
         x, y = np.moveaxis(rays.pixels[None] - expected.sighting.pixels[:, None] - drift, 2, 0)
         noise = rays.sigma_px[None] ** 2
         a, b, d = S[:, 0, 0][:, None] + noise, S[:, 0, 1][:, None], S[:, 1, 1][:, None] + noise
         determinant = a * d - b * b
         distance2 = (d * x * x - 2 * b * x * y + a * y * y) / determinant
-        worth = 2 * (self._odds(number, determinant) - np.log(1 - DETECTED))
+        odds = self._odds(number, determinant)
+        worth = 2 * (odds - MISSED)
         cost = np.where(valid[:, None] & (distance2 < GATE), distance2 - np.minimum(worth, GATE), 0.0)
         same = (self._beliefs.label[:, number, None] == label[None]) & (label[None] > 0)
         cost = np.where(same & (cost < 0), cost - SAME_LABEL_BONUS, cost)
         confirmed = self._beliefs.confirmed
         if confirmed.all() or not confirmed.any():
-            return assign(cost, 0.0)
+            return assign(cost, 0.0), odds
         first = assign(np.where(confirmed[:, None], cost, 0.0), 0.0)
         cost[:, [k for _, k in first]] = 0.0
-        return first + assign(np.where(confirmed[:, None], 0.0, cost), 0.0)
+        return first + assign(np.where(confirmed[:, None], 0.0, cost), 0.0), odds
 
     def advance(self, now_s: float) -> list[Estimate]:
         """Let time pass: births, confirmations, losses. Returns the last estimates of targets lost now."""
@@ -298,11 +307,7 @@ class Tracker:
             motion = self._options.motion
             F = motion.transition(np.array([dt_s]))[0]
             surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_vigour[k]
-            x, P, t_s = (
-                F @ x,
-                F @ P @ F.T + motion.noise(np.array([dt_s]))[0] * self._bank.expected_vigour[k],
-                t_s + dt_s,
-            )
+            x, P, t_s = F @ x, F @ P @ F.T + surprise, t_s + dt_s
         seen = self._beliefs.seen_by(k)
         return Estimate(
             track=self._beliefs.track[k],

@@ -171,7 +171,11 @@ class Calibration:
         """The cameras whose rays may be used."""
         if self.network is None:
             return set()
-        return {camera.id for camera in self.network.cameras} - self.suspects.keys()
+        return set(self.network.ids - self.suspects.keys())
+
+    def trusts(self, camera: str) -> bool:
+        """Whether a camera's rays may be used."""
+        return self.network is not None and camera in self.network.ids and camera not in self.suspects
 
     # What to tell
 

@@ -60,9 +60,7 @@ class CalibrationSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     window_s: Annotated[float, Meta(ge=10, le=36000)] = 900.0  # s of flight kept for solving
     window_rows: Annotated[int, Meta(ge=100, le=200000)] = 6000  # observations a camera kept; thinned evenly beyond
     first_solve_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # s of shared flight before the first attempt
-    resolve_s: Annotated[float, Meta(ge=1, le=36000)] = (
-        60.0  # s between refinements at most; a quick one comes sooner
-    )
+    resolve_s: Annotated[float, Meta(ge=1, le=36000)] = 60.0  # s between refinements at most; a quick one comes sooner
     max_rms_px: Annotated[float, Meta(gt=0, le=50)] = 4.0  # px: worse is refused
     max_sigma_m: PositiveMetres = 2.0  # m: one sigma of a position in the middle of the flight; worse is refused
     warm_start: bool = True  # begin from the stored network, if it fits what is seen

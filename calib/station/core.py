@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from calib.monitor import DISCIPLINED_S, Guard
-from calib.network import Network
+from calib.network import Camera, Network
 from calib.observations import SiteCamera
 from calib.station.calibration import Calibration, Phase, Standing
 from calib.station.config import BaseConfig, CameraSection
@@ -82,6 +82,7 @@ class Station:
         self.extra_checks: list[Check] = []
         self.muted: set[str] = set()  # cameras that the operator left out: recorded, and not used
         self._busy = False
+        self._sigma_px: dict[str, float] = {}  # of each calibrated camera's pixels
         self._starts: dict[str, int] = {}
         self._said_s: dict[int, float] = {}
         # A tenth early is not early: frames come at their own rate.
@@ -127,10 +128,10 @@ class Station:
         self._frame_ns = now_ns
         if camera.id in self.muted:
             return []
-        if self.tracker is None or camera.flooded or camera.id not in self.calibration.trusted:
+        if self.tracker is None or camera.flooded or not self.calibration.trusts(camera.id):
             return []
         tracker = self.tracker
-        sigma_px = np.where(np.isnan(frame.sigma_px), self._sigma_px(tracker.network, camera.id), frame.sigma_px)
+        sigma_px = np.where(np.isnan(frame.sigma_px), self._sigma_px[camera.id], frame.sigma_px)
         moved = tracker.observe(replace(frame, sigma_px=sigma_px))
         lost = tracker.advance(tracker.newest_s)
         due = {track for track in moved if self._due(track, tracker.newest_s)}
@@ -138,12 +139,6 @@ class Station:
             return []
         estimates = tracker.estimates(tracker.newest_s, due) + lost
         return self._border.cross(estimates, tracker.network.origin)
-
-    def _sigma_px(self, network: Network, camera_id: str) -> float:
-        """One sigma of a camera's pixels where a detection does not say its own: as the adjustment found it."""
-        camera = network.camera(camera_id)
-        found = None if camera is None else camera.sigma_px
-        return self.config.tracking.sigma_px if found is None else max(found, LEAST_SIGMA_PX)
 
     def _due(self, track: int, newest_s: float) -> bool:
         """Whether any endpoint wants this target again; saying it at every ray would cost more than tracking it."""
@@ -172,10 +167,16 @@ class Station:
         """Put a network in force, in whole."""
         self.calibration.network = network
         self.guard.trust(network)
+        self._sigma_px = {camera.id: self._found_sigma_px(camera) for camera in network.cameras}
         if self.tracker is None:
             self.tracker = Tracker(network, self._options, self._first_track)
         else:
             self.tracker.exchange(network)
+
+    def _found_sigma_px(self, camera: Camera) -> float:
+        """One sigma of a camera's pixels where a detection does not say its own: as the adjustment found it."""
+        found = camera.sigma_px
+        return self.config.tracking.sigma_px if found is None else max(found, LEAST_SIGMA_PX)
 
     @property
     def next_track(self) -> int:

@@ -142,8 +142,8 @@ class Intake:
     def _timely(self, camera: CameraIntake, t_unix_ns: int, now_ns: int, *, behind_too: bool) -> bool:
         """Whether a stamp goes with the other cameras'. behind_too: a start has no stamps of its own to go on from."""
         ahead_s = self.clock.ahead_s(camera.id, t_unix_ns, now_ns)
-        online = sum(other.online(now_ns, 5.0) for other in self.cameras.values() if other is not camera)
-        if online < 2 or not (ahead_s > AHEAD_S or (behind_too and ahead_s < -AHEAD_S)):
+        off = ahead_s > AHEAD_S or (behind_too and ahead_s < -AHEAD_S)
+        if not off or self._online(now_ns, but=camera) < 2:
             self.clock.hear(camera.id, t_unix_ns, now_ns)
             return True
         camera.last_ns = now_ns
@@ -152,6 +152,9 @@ class Intake:
         name = "future" if ahead_s > 0 else "past"
         camera.fault(name, fault, "set the box's clock (chrony); its frames are left out", now_ns)
         return False
+
+    def _online(self, now_ns: int, but: CameraIntake) -> int:
+        return sum(other.online(now_ns, 5.0) for other in self.cameras.values() if other is not but)
 
     def _onward(self, camera: CameraIntake, t_unix_ns: int, now_ns: int) -> bool:
         """Whether a camera's time goes on; set back by far, it goes on from there, and is counted."""

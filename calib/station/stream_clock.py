@@ -13,6 +13,8 @@ from typing import Final
 HEARD_LATELY_NS: Final = 5_000_000_000  # arrival time; a camera silent for longer has no say
 AHEAD_S: Final = 2.0  # more than any latency: such a stamp is from a clock that is wrong
 NS: Final = 10**9
+MANY: Final = 12  # cameras, beyond which one of them moves the median by nothing that matters
+ANEW_NS: Final = 50_000_000  # arrival time between two looks at all of many cameras: clocks drift slower
 
 
 class StreamClock:
@@ -20,11 +22,20 @@ class StreamClock:
 
     def __init__(self) -> None:
         self._offsets: dict[str, tuple[int, int]] = {}  # camera: stamp minus arrival, when heard
+        self._typical, self._typical_ns = 0, 0  # offset of many cameras, and when it was found
 
     def ahead_s(self, camera: str, t_unix_ns: int, now_ns: int) -> float:
         """By how many seconds a frame's stamp is ahead of the other cameras' (negative: behind); 0 without others."""
+        if len(self._offsets) > MANY:
+            return (t_unix_ns - now_ns - self._of_many(now_ns)) / NS
         others = self._lately(now_ns, but=camera)
         return (t_unix_ns - now_ns - median_low(others)) / NS if others else 0.0
+
+    def _of_many(self, now_ns: int) -> int:
+        if not 0 <= now_ns - self._typical_ns < ANEW_NS:
+            offsets = self._lately(now_ns) or [offset for offset, _ in self._offsets.values()]
+            self._typical, self._typical_ns = median_low(offsets), now_ns
+        return self._typical
 
     def hear(self, camera: str, t_unix_ns: int, now_ns: int) -> None:
         """Take the stamp of a frame that is believed."""
