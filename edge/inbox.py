@@ -76,9 +76,8 @@ class Inbox(Generic[Item]):
                     break
             return self._items.popleft() if self._items else None
 
-    def drain(self) -> list[Item]:
-        """All items waiting, oldest first, without waiting for more."""
+    def drain(self, at_most: int | None = None) -> list[Item]:
+        """All items waiting, or the oldest of them, in the order they came, without waiting for more."""
         with self._changed:
-            items = list(self._items)
-            self._items.clear()
-            return items
+            count = len(self._items) if at_most is None else min(at_most, len(self._items))
+            return [self._items.popleft() for _ in range(count)]

@@ -31,7 +31,7 @@ RETRY_S: Final = 5.0  # between attempts at a disk that refuses
 CLOSE_S: Final = 2.0
 WAITING_ROWS: Final = 18_000  # kept in memory while the disk refuses: ten minutes at 30 Hz, about 10 MB
 BATCH_ROWS: Final = 2_000  # in one commit
-ANSWER_BYTES: Final = 20_000  # of one reply: longer ones delay what is live on a slow radio
+ANSWER_BYTES: Final = 8_000  # of one reply: longer ones delay what is live; 64 ms of a radio of 1 Mbit/s
 
 
 class SpoolSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -195,7 +195,7 @@ class Spool:
 
 
 def answers(rows: Sequence[Row], epoch: int, first_seq: int, last_seq: int) -> Iterator[bytes]:
-    """Encoded Backlog messages of about 20 kB that together cover first_seq to last_seq. rows: in order of seq."""
+    """Encoded Backlog messages of about 8 kB that together cover first_seq to last_seq. rows: in order of seq."""
     chunk: list[Row] = []
     begin, size = first_seq, 0
     for row in rows:

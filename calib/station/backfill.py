@@ -1,14 +1,16 @@
 """Fetching what the live way lost: the station asks each box for the sequence numbers it lacks, until it has them all.
 
 What comes this way is late: it belongs in the recording and in `solve`, and must never touch live tracking, whose
-filters have long moved on. It comes through an inbox of its own, under the `backlog` key. The questions are small and
-spaced, at low priority, so that live messages are not delayed by an hour's worth of history. What is already here is
-remembered over a restart, in a file that is four seconds behind on purpose: after a power cut the recording may have
+filters have long moved on. It comes through an inbox of its own, under the `backlog` key. And it must not delay what
+is live: the questions are small, at low priority, and after each answer comes a rest of several times as long as the
+answer took, so that history gets a share of a busy computer or a slow radio, and never all of it. What is already here
+is remembered over a restart, in a file that is four seconds behind on purpose: after a power cut the recording may have
 lost its last seconds, and then the memory of having had them must be lost too.
 """
 
 import logging
 import threading
+import time
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -25,8 +27,10 @@ from edge.messages import Backlog, Inventory, Tracks, camera_key, camera_of_key,
 log = logging.getLogger(__name__)
 
 POLL_S: Final = 2.0  # between inventories; a lost message is in the recording about two of them later
-PAUSE_S: Final = 0.2  # between questions to all boxes
-ROWS_PER_QUESTION: Final = 100  # with PAUSE_S: 500 rows a second and camera, 17 times live
+REST: Final = 4.0  # times as long as an answer took: history gets a fifth of what the slowest link or computer can do
+SHORTEST_REST_S: Final = 0.03  # between questions; with ROWS_PER_QUESTION at most 600 rows a second, 20 cameras' worth
+LONGEST_REST_S: Final = 2.0  # after a question that nobody answered
+ROWS_PER_QUESTION: Final = 20  # about 10 kB: what is live never waits for more of one answer than that
 LATE_CAPACITY: Final = 20_000  # rows; asking stops while the station has half of that to write
 SAVE_EVERY_POLLS: Final = 2  # and a save is of the state at the save before: the recording is on the disk within 2 s
 CLOSE_S: Final = 2.5
@@ -95,7 +99,7 @@ class Backfill:
 
     def _run(self) -> None:
         polls = 0
-        while not self._stop.wait(PAUSE_S):
+        while not self._stop.wait(SHORTEST_REST_S):
             if self.paused:
                 continue
             self._take_stock()
@@ -119,14 +123,16 @@ class Backfill:
                     self._missing[camera] = self._ledger.gaps(camera, inventory.epochs)
 
     def _fetch_for(self, seconds: float) -> None:
-        """Ask each camera in turn for its next stretch, for about so long."""
-        for _ in range(round(seconds / PAUSE_S)):
-            for camera in sorted(self._reachable):
-                gaps = self._missing[camera]
-                if gaps and self._has_room():
-                    self._fetch(camera, gaps[0])
-            if self._stop.wait(PAUSE_S):
-                return
+        """Ask the cameras that lack something in turn for their next stretches, for about so long."""
+        ends_s = time.monotonic() + seconds
+        while lacking := [camera for camera in sorted(self._reachable) if self._missing[camera]]:
+            for camera in lacking:
+                began_s = time.monotonic()
+                if self._has_room():
+                    self._fetch(camera, self._missing[camera][0])
+                if self._stop.wait(rest_after(time.monotonic() - began_s)) or time.monotonic() >= ends_s:
+                    return
+        self._stop.wait(max(0.0, ends_s - time.monotonic()))
 
     def _has_room(self) -> bool:
         return len(self.late) < LATE_CAPACITY // 2 and not self.paused and not self._stop.is_set()
@@ -181,6 +187,11 @@ class Backfill:
             log.warning(
                 "%s: cannot be written (%s); after a restart more is asked for than needed", self._memory, error
             )
+
+
+def rest_after(took_s: float) -> float:
+    """How long to leave everything to what is live, after an answer that took so long."""
+    return min(max(REST * took_s, SHORTEST_REST_S), LONGEST_REST_S)
 
 
 def _without(gap: Gap, covered: range) -> list[Gap]:

@@ -1,18 +1,22 @@
 """The station gets every row it lacks from a real spool over a real session, once, and never as live data."""
 
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from calib.station.backfill import Backfill
+from calib.station.backfill import LONGEST_REST_S, REST, SHORTEST_REST_S, Backfill, rest_after
 from calib.station.ledger import Gap
 from edge.inbox import Inbox, Received
 from edge.link import Link
 from edge.link_profile import LinkSettings
-from edge.messages import Backlog, Tracks, camera_key, decode, encode
+from edge.messages import Backlog, Inventory, SpooledEpoch, Tracks, camera_key, decode, encode
 from edge.spool import Spool, SpoolSettings
 
 SITE = "field"
@@ -113,3 +117,46 @@ def test_nothing_is_fetched_while_nothing_is_recorded(rooms: tuple[Link, Spool],
         assert not until(lambda: backfill.counters.recovered, within_s=3)
         backfill.paused = False
         assert until(lambda: backfill.counters.recovered == 20, within_s=15)
+
+
+def test_a_slow_way_is_left_to_what_is_live_most_of_the_time(endpoint: str, until: Callable[..., bool]) -> None:
+    """A box that takes 0.1 s for each answer is asked a fifth of the time, however much is lacking."""
+    busy_s: list[float] = []
+    with ExitStack() as stack:
+        base = stack.enter_context(Link(LinkSettings(listen=(endpoint,)), name="base"))
+        box = stack.enter_context(Link(LinkSettings(connect=(endpoint,)), name="box"))
+        questions, over = box.serve(KEY), threading.Event()
+
+        def answer_slowly() -> None:
+            while not over.is_set():
+                if (request := questions.get(0.1)) is None:
+                    continue
+                if not request.parameters:
+                    kept = SpooledEpoch(epoch=1, first_seq=0, last_seq=100_000, rows=100_001)
+                    request.answer([encode(Inventory(epochs=[kept]))])
+                    continue
+                first, last = int(request.parameters["first"]), int(request.parameters["last"])
+                time.sleep(0.1)
+                busy_s.append(0.1)
+                rows = [msgspec.Raw(encode(tracks(seq))) for seq in range(first, last + 1)]
+                request.answer([encode(Backlog(epoch=1, first_seq=first, last_seq=last, tracks=rows))])
+
+        slow = threading.Thread(target=answer_slowly)
+        slow.start()
+        backfill = stack.enter_context(Backfill(base, SITE))
+        assert until(lambda: busy_s, within_s=15)
+        began = time.monotonic()
+        asked = len(busy_s)
+        time.sleep(5.0)
+        share = sum(busy_s[asked:]) / (time.monotonic() - began)
+        over.set()
+        slow.join()
+    assert 0.02 < share < 1 / (1 + REST) + 0.05
+    assert backfill.counters.recovered > 0
+
+
+@given(took_s=st.floats(0, 100))
+def test_a_rest_is_long_enough_and_ends(took_s: float) -> None:
+    rest_s = rest_after(took_s)
+    assert SHORTEST_REST_S <= rest_s <= LONGEST_REST_S
+    assert rest_s >= min(REST * took_s, LONGEST_REST_S)

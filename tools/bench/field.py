@@ -1,6 +1,6 @@
 """What faults cost, in figures: real processes in network namespaces, three cameras. Needs root; nothing else.
 
-    python -m tools.bench.field partition --seconds 10      cut one box off, and put it back
+    python -m tools.bench.field partition --seconds 10      cut one box off and put it back, five times
     python -m tools.bench.field storm --seconds 30          5 % loss, 50 ms +- 20 ms, order not kept
     python -m tools.bench.field frozen --seconds 30         SIGSTOP the base
     python -m tools.bench.field kills --times 50            kill -9 of boxes, router and base, at random (seeded)
@@ -33,6 +33,7 @@ from tools.fieldwork.truth import CHI2_3_95, CHI2_3_999, Error
 CAMERAS: Final = ("cam0", "cam1", "cam2")
 CALM_S: Final = 15.0  # before a fault, to compare with
 AFTER_S: Final = 5.0  # within which everything must be back, and what is sent is looked at closely
+LOOK_S: Final = 0.1  # between looks at the recording; they cost time that is measured
 PATIENCE_S: Final = 60.0  # for everything to be in the recording
 SEED: Final = 11
 
@@ -43,13 +44,8 @@ def wait(condition: Callable[[], bool], within_s: float) -> float:
     while time.monotonic() - began < within_s:
         if condition():
             return time.monotonic() - began
-        time.sleep(0.05)
+        time.sleep(LOOK_S)
     return float("inf")
-
-
-def keys(rows: list[Row]) -> set[tuple[str, int, int]]:
-    """Which messages these are."""
-    return {(row.camera, row.epoch, row.seq) for row in rows}
 
 
 def settle(site: Site) -> None:
@@ -69,23 +65,40 @@ def p99_ms(rows: list[Row], begin_unix_s: float, end_unix_s: float) -> float:
 
 
 def partition(site: Site, options: argparse.Namespace) -> None:
-    """Cut one box off."""
-    calm = (time.time() - CALM_S, time.time())
+    """Cut one box off, again and again."""
+    calm: list[float] = []
+    busy: dict[str, list[float]] = {"the cut box": [], "the others": []}
+    for number in range(options.cuts):
+        began, restored, end, lost = _cut(site, options.seconds)
+        rows = site.recorded()
+        took_s = f"complete after {end - restored:.1f} s" if not lost else f"{lost} LOST"
+        live_s = live_again_after(rows, "cam1", restored)
+        print(
+            f"cut {number + 1} of {options.seconds:.0f} s: live again {live_s:.2f} s (asked: 2), {took_s}", flush=True
+        )
+        calm += latency_s(rows, began - CALM_S, began).tolist()
+        for row in rows:
+            made_s = row.t_unix_ns * 1e-9
+            if not row.late and restored + live_s <= made_s < end:
+                who = "the cut box" if row.camera == "cam1" else "the others"
+                busy[who].append((row.t_arrival_ns - row.t_unix_ns) * 1e-9)
+        time.sleep(CALM_S)
+    print(f"live latency, ms {'count':>22} {'p50':>7} {'p99':>7}")
+    for what, found_s in (("in calm", calm), *((f"catching up: {who}", late) for who, late in busy.items())):
+        p50, p99 = np.percentile(found_s, (50, 99)) * 1e3
+        print(f"  {what:26} {len(found_s):10} {p50:7.1f} {p99:7.1f}")
+
+
+def _cut(site: Site, seconds: float) -> tuple[float, float, float, int]:
+    """One cut: when it began, when the link was back, when all was recorded, and how many then were not."""
+    began = time.time()
     site.air.set(cut=("cam1",))
-    time.sleep(options.seconds)
+    time.sleep(seconds)
     restored = time.time()
     site.air.set()
     made = site.made()
-    took_s = wait(lambda: made <= keys(site.recorded()), PATIENCE_S)
-    end = time.time()
-    rows = site.recorded()
-    others = [row for row in rows if row.camera != "cam1"]
-    print(
-        f"cut of {options.seconds:.0f} s: {len(made - keys(rows))} of {len(made)} lost; complete after {took_s:.1f} s"
-    )
-    print(f"live again {live_again_after(rows, 'cam1', restored):.2f} s after the link (asked: 2)")
-    calm_ms, late_ms = p99_ms(others, *calm), p99_ms(others, restored, end)
-    print(f"live p99 of the other boxes: calm {calm_ms:.1f} ms, catching up {late_ms:.1f} ms")
+    wait(lambda: not site.lost(made), PATIENCE_S)
+    return began, restored, time.time(), len(site.lost(made))
 
 
 def storm(site: Site, options: argparse.Namespace) -> None:
@@ -96,10 +109,10 @@ def storm(site: Site, options: argparse.Namespace) -> None:
     end = time.time() - 1.0
     site.air.set()
     made = site.made()
-    wait(lambda: made <= keys(site.recorded()), PATIENCE_S)
+    wait(lambda: not site.lost(made), PATIENCE_S)
     rows = site.recorded()
     found = latency_s(rows, begin, end)
-    print(f"storm of {options.seconds:.0f} s: {len(made - keys(rows))} of {len(made)} lost")
+    print(f"storm of {options.seconds:.0f} s: {len(site.lost(made))} of {len(made)} lost")
     print(f"p50 {np.median(found) * 1e3:.0f} ms, p99 {p99_ms(rows, begin, end):.0f} ms (asked: 250)")
 
 
@@ -112,13 +125,11 @@ def frozen(site: Site, options: argparse.Namespace) -> None:
     after = {camera: _rss_mb(site, camera) for camera in CAMERAS}
     site.send("base", signal.SIGCONT)
     made = site.made()
-    wait(lambda: made <= keys(site.recorded()), PATIENCE_S)
+    wait(lambda: not site.lost(made), PATIENCE_S)
     rows = site.recorded()
     stamps = [sorted({row.t_unix_ns for row in rows if row.camera == camera}) for camera in CAMERAS]
     gap_s = max(float(np.max(np.diff([t for t in line if t > (begin - 1) * 1e9]))) for line in stamps) * 1e-9
-    print(
-        f"frozen for {options.seconds:.0f} s: {len(made - keys(rows))} of {len(made)} lost; longest gap {gap_s:.2f} s"
-    )
+    print(f"frozen for {options.seconds:.0f} s: {len(site.lost(made))} of {len(made)} lost; longest gap {gap_s:.2f} s")
     print("memory of the boxes, MB: " + ", ".join(f"{before[c]:.0f} -> {after[c]:.0f}" for c in CAMERAS))
 
 
@@ -173,10 +184,10 @@ def _losses(site: Site, times: int) -> None:
         last[camera, epoch] = max(seq, last.get((camera, epoch), -1))
 
     def lost() -> list[tuple[str, int, int]]:
-        return [k for k in made - keys(site.recorded()) if last[k[0], k[1]] - k[2] > 20]
+        return [k for k in site.lost(made) if last[k[0], k[1]] - k[2] > 20]
 
     wait(lambda: not lost(), PATIENCE_S)
-    all_lost = made - keys(site.recorded())
+    all_lost = site.lost(made)
     print(f"{times} kills: {len(all_lost)} of {len(made)} lost, {len(lost())} not in the last 0.5 s of a run")
 
 
@@ -213,7 +224,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="What faults cost, measured on real processes in namespaces.")
     parser.add_argument("fault", choices=("partition", "storm", "frozen", "kills"))
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--times", type=int, default=50)
+    parser.add_argument("--times", type=int, default=50, help="kills")
+    parser.add_argument("--cuts", type=int, default=5, help="cuts of a partition, one after the other")
     parser.add_argument("--plain", action="store_true", help="without TLS and access control")
     parser.add_argument("--router", action="store_true", help="boxes and base dial a router; always so for kills")
     options = parser.parse_args()

@@ -55,6 +55,7 @@ class Heard:
         self._frames = msgspec.json.Decoder(_Frame)
         self._parser = common.MAVLink(None)
         self.rows: list[Row] = []
+        self.keys: set[tuple[str, int, int]] = set()  # camera, epoch, seq
         self.sent: list[Sent] = []
 
     def look(self) -> list[Row]:
@@ -65,6 +66,7 @@ class Heard:
                 told = self._numbers.decode(item.payload)
                 late = topic == "backlog"
                 self.rows.append(Row(camera, told.epoch, told.seq, told.t_unix_ns, item.t_arrival_ns, late))
+                self.keys.add((camera, told.epoch, told.seq))
             elif item.key.endswith("/station/mavlink"):
                 self._take_frame(item.t_arrival_ns, bytes.fromhex(self._frames.decode(item.payload).frame))
         return self.rows

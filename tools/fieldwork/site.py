@@ -159,6 +159,11 @@ class Site:
         """Every Tracks message in the base's recordings."""
         return self.heard.look()
 
+    def lost(self, made: set[tuple[str, int, int]]) -> set[tuple[str, int, int]]:
+        """Which of these messages no recording has (yet)."""
+        self.heard.look()
+        return made - self.heard.keys
+
     def errors(self) -> list[Error]:
         """How far, in metres and in its own sigmas, each confirmed target was from the nearest true object."""
         self.heard.look()
