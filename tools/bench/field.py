@@ -48,14 +48,14 @@ def wait(condition: Callable[[], bool], within_s: float) -> float:
     return float("inf")
 
 
-def settle(site: Site) -> None:
+def settle(site: Site, calm_s: float = CALM_S) -> None:
     """Start everything and let it run in calm."""
-    for host in sorted(site.air.hosts, key=lambda name: name in CAMERAS):
+    for host in sorted({*site.air.hosts} - {"evil"}, key=lambda name: (name in CAMERAS, name)):
         site.start(host)
     took_s = wait(lambda: {row.camera for row in site.recorded()} == set(CAMERAS), 60)
     if took_s == float("inf"):
         raise SystemExit(f"the base does not hear its boxes: look at {site.folder}/base-1.err")
-    time.sleep(CALM_S + 1.0)
+    time.sleep(calm_s + 1.0)
 
 
 def p99_ms(rows: list[Row], begin_unix_s: float, end_unix_s: float) -> float:

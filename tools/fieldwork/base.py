@@ -11,7 +11,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -52,28 +52,32 @@ class Base:
         self.http = free_port()
         signing = {"signing_key": "mavlink.key"} if passphrase else {}
         config = {
-            "state_folder": "state",
+            "state_folder": "disk/state",
             "site": {"name": SITE, "origin": list(ORIGIN), "undulation_m": 47.0},
             "camera": [{"id": f"cam{k}"} for k in range(SPEC.cameras)],
             "link": {"listen": [self.zenoh]},
             "mavlink": {"system_id": 1, "endpoint": [dict(endpoint) | signing for endpoint in endpoints]},
+            "recording": {"folder": "disk/recordings", "min_free_mb": 1},
             "status": {"port": self.http, "page": False},
         }
         (folder / "base.toml").write_text(tomli_w.dumps(config))
         if passphrase:
             (folder / "mavlink.key").touch(0o600)
             (folder / "mavlink.key").write_text(key_of(passphrase).hex())
-        (folder / "state").mkdir(exist_ok=True)
-        with Keeper(folder / "state") as keeper:
+        (folder / "disk" / "state").mkdir(parents=True, exist_ok=True)
+        with Keeper(folder / "disk" / "state") as keeper:
             keeper.store_network(make(SPEC).network)
         self.process: subprocess.Popen[bytes] | None = None
 
-    def start(self, *, behind_s: float = 0.0) -> None:
-        """Start it (again) and wait until it answers. behind_s: how late its clock is until `set_clock`."""
-        command = [sys.executable, "-m", "tools.fieldwork.late_clock", str(behind_s), "run"]
+    def start(self, *words: str, behind_s: float = 0.0, environment: Mapping[str, str] = os.environ) -> None:
+        """Start it (again) and wait until it answers.
+
+        words: put before the command. behind_s: how late its clock is until `set_clock`.
+        """
+        command = [*words, sys.executable, "-m", "tools.fieldwork.late_clock", str(behind_s), "run"]
         with (self.folder / "base.log").open("ab") as log:
             self.process = subprocess.Popen(
-                [*command, "--config", str(self.folder / "base.toml")], cwd=ROOT, stderr=log, env=os.environ
+                [*command, "--config", str(self.folder / "base.toml")], cwd=ROOT, stderr=log, env=environment
             )
         deadline = time.monotonic() + STARTS_WITHIN_S
         while not self.status():
@@ -93,6 +97,17 @@ class Base:
                 return dict(json.load(told))
         except (urllib.error.URLError, OSError, ValueError):
             return {}
+
+    def health(self) -> dict[str, tuple[str, str]]:
+        """Level and reason of each of its health lines, by name."""
+        items = self.status().get("health", {}).get("items", [])
+        return {item["name"]: (item["level"], item["reason"]) for item in items}
+
+    def stop(self) -> int:
+        """SIGTERM; its exit code."""
+        assert self.process is not None
+        self.process.terminate()
+        return self.process.wait(10)
 
     def kill(self) -> None:
         """kill -9, if it runs."""
