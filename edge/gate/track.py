@@ -100,6 +100,10 @@ class Track:
         scores = [row.score for row in self.places if row.t_unix_ns >= since_unix_ns]
         return sum(scores) / len(scores)
 
+    def lengths_s(self) -> float:
+        """How many of its own lengths it goes a second: far away or near, that depends on what it is alone."""
+        return math.hypot(self.du, self.dv) / max(self.last.width_px, self.last.height_px, 1.0)
+
     def moved_px(self, since_unix_ns: int) -> float:
         """How far it is now from where it was at the earliest measurement not before since_unix_ns."""
         first = next(row for row in self.places if row.t_unix_ns >= since_unix_ns or row is self.places[-1])

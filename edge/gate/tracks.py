@@ -35,6 +35,7 @@ CLUTTER_FACTOR: Final = 4.0  # in a wholly cluttered place a track must move so 
 FLOWN: Final = 4.0  # times moved_min_px from where it began: what went so far once may hover, what did not may not
 CLUTTERED: Final = 0.3  # level of a place in which a believed track may not rest
 SCORE_KEPT: Final = 0.85  # of the score that makes a track believed: the least it must keep up over HISTORY_S
+INSECT_LENGTHS_S: Final = 100.0  # of its own a second: a drone of 35 cm at 35 m/s; faster is an insect near the lens
 WAITING_S: Final = 1.0  # how much of its unbelieved past a track gives when it is believed
 SIZE_RATIO_MAX: Final = 3.0  # a box three times as large is another object
 STATIC_CROPS: Final = 4  # places of unbelieved, unmoved tracks worth a look a frame: clutter must not eat the budget
@@ -135,7 +136,7 @@ class TrackGate:
         window_ns = max(config.confirm_window_s * 1e9, WINDOW_SLACK * config.confirm_hits * self._interval_ns())
         since = round(now - config.moved_window_s * 1e9)
         seen = track.hits_since(round(now - window_ns)) >= config.confirm_hits
-        if not seen or track.mean_score(since) < self._score_least:
+        if not seen or track.mean_score(since) < self._score_least or track.lengths_s() > INSECT_LENGTHS_S:
             return False
         enough_px = config.moved_min_px * (1 + CLUTTER_FACTOR * track.clutter)
         moved_px, sigma_px = track.moved_px(since), track.sigma_px(since)

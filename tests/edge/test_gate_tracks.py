@@ -136,6 +136,16 @@ def test_a_track_that_is_hardly_seen_any_more_is_let_go_and_a_faint_one_is_kept(
         assert bool(last) == kept
 
 
+@pytest.mark.parametrize(("size_px", "believed"), [(3.0, False), (12.0, True)])
+def test_what_is_small_and_very_fast_is_an_insect(size_px: float, believed: bool) -> None:
+    gate, rows = TrackGate(SIZE, GateConfig(), USUAL), []
+    for k, places in enumerate(flying(60, speed=400.0)):
+        one = found(places)
+        one = Detections(one.centre_px, np.full((1, 2), size_px), one.score, one.sigma_px, one.classes)
+        rows += gate.step(T0 + round(k / 30 * 1e9), one)
+    assert bool(rows) == believed
+
+
 def test_class_is_voted_along_the_track() -> None:
     gate = TrackGate(SIZE, GateConfig(), USUAL)
     rows = []
