@@ -20,7 +20,8 @@ ENOUGH_FRAMES: Final = 5.0  # frames' worth of evidence before a camera has a sa
 CONFIRM_SCORE: Final = 20.0  # log-likelihood ratio (Sittler 1964): odds of 5e8 against chance, and 5 hits or more
 CONFIRM_S: Final = 0.4  # s a target must live before it is believed
 LONELY_S: Final = 5.0  # s, where a third camera sees nothing: time then has to refuse the ghost
-TOP_SCORE: Final = 30.0
+TOP_SCORE: Final = 30.0  # either way: a target that comes back is believed again after half a dozen hits
+RETURN_SCORE: Final = -10.0  # of a target that coasts: more than one hit is worth where it is looked for by the metre
 BAD_FIT: Final = 5.0  # mean squared normalised innovation; 2 is expected
 LONELY_FIT: Final = 3.0
 SEEN_LATELY_S: Final = 0.5
@@ -83,19 +84,26 @@ class Beliefs:
 
     def hit(self, camera: int, which: NDArray[np.int64], t_s: float, evidence: Evidence) -> None:
         """Camera saw targets `which` (K,) at t_s."""
-        self.last_s[which] = np.maximum(self.last_s[which], t_s)
         self._seen_s[which, camera] = t_s
         self.label[which, camera] = evidence.label
         self._hits[which, camera] = self._hits[which, camera] * MEMORY + 1
         self._frames[which, camera] = self._frames[which, camera] * MEMORY + 1
         self._score[which] = np.minimum(self._score[which] + evidence.gain, TOP_SCORE)
+        # One detection near a target long unseen is clutter sooner than it: only one that is believed again is seen.
+        believed = self._score[which] > 0
+        self.last_s[which] = np.where(believed, np.maximum(self.last_s[which], t_s), self.last_s[which])
         self._fit[which] += (evidence.distance2 - self._fit[which]) * (1 - MEMORY)
 
     def miss(self, camera: int, which: NDArray[np.intp], loss: float) -> None:
         """Camera should have seen targets `which` (K,) and did not."""
         self._hits[which, camera] *= MEMORY
         self._frames[which, camera] = self._frames[which, camera] * MEMORY + 1
-        self._score[which] += loss
+        self._score[which] = np.maximum(self._score[which] + loss, -TOP_SCORE)
+
+    def doubt(self, now_s: float) -> None:
+        """What nobody has lately seen has to be seen twice before it is believed to be back."""
+        unseen = self.confirmed & (now_s - self.last_s > SEEN_LATELY_S)
+        self._score = np.where(unseen, np.minimum(self._score, RETURN_SCORE), self._score)
 
     def confirm(self) -> None:
         """Believe the tentative targets that have earned it."""

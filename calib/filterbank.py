@@ -25,7 +25,7 @@ from edge.lens import Array
 
 VIGOUR: Final = (0.02, 4.0)  # of a target: a balloon to a hawk, against the motion model's variance
 AWAKES_S: Final = 0.5  # s: how soon a target that begins to turn is believed
-CALMS_S: Final = 5.0  # s: how long one that flies straight is still expected to turn
+CALMS_S: Final = 2.0  # s: how long one that flies straight is still expected to turn; longer, and sigma is too wide
 UNWATCHED: Final = 1.0  # least vigour of a target whose range nobody measures: no camera would see it turn
 FAR: Final = 0.01  # of the range: a step beyond which a pixel no longer follows its tangent, 0.1 px at f = 1000
 LOOKS: Final = 4  # linearisations at most

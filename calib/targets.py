@@ -228,6 +228,7 @@ class Tracker:
         self._scanned_s = now_s
         self._give_birth(now_s)
         self._beliefs.confirm()
+        self._beliefs.doubt(now_s)
         return self._bury(now_s)
 
     def _give_birth(self, now_s: float) -> None:

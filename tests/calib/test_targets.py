@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from calib.association import assign
+from calib.belief import Beliefs, Evidence
 from calib.filterbank import FilterBank, Look, Rays
 from calib.motion import Singer
 from calib.sighting import View
@@ -284,3 +285,38 @@ def test_a_calm_flight_is_not_believed_to_stay_calm_where_nobody_measures_its_ra
         bank.watched[:] = watched
         spread_m.append(float(np.sqrt(np.trace(bank.predict(2.0).covariance[0, :3, :3]))))
     assert spread_m[1] == pytest.approx(spread_m[0] / np.sqrt(0.02), rel=0.05)
+
+
+def one_target(last_s: float) -> Beliefs:
+    """A confirmed target that two cameras saw until last_s."""
+    beliefs = Beliefs(2)
+    beliefs.add(1, 0.0, ((0, 5), (1, 5)))
+    for t_s in np.arange(0.0, last_s, 1 / 30):
+        for camera in (0, 1):
+            beliefs.hit(camera, np.array([0]), float(t_s), Evidence(np.array([5]), np.array([8.0]), np.array([2.0])))
+    beliefs.confirm()
+    assert beliefs.confirmed.all()
+    return beliefs
+
+
+def test_one_detection_where_a_target_was_last_seen_is_not_its_return_but_three_are() -> None:
+    """A coasting target's gate is metres wide; sooner or later some clutter falls into it, which is worth little."""
+    beliefs = one_target(1.0)
+    beliefs.doubt(2.0)
+    weak = Evidence(np.array([9]), np.array([4.0]), np.array([2.0]))
+    before_s = float(beliefs.last_s[0])
+    beliefs.hit(0, np.array([0]), 2.0, weak)
+    assert beliefs.last_s[0] == before_s
+    for t_s in (2.03, 2.07):
+        beliefs.hit(1, np.array([0]), t_s, weak)
+    assert beliefs.last_s[0] == 2.07
+
+
+def test_a_target_that_many_frames_deny_is_not_kept_alive_by_a_hit_now_and_then() -> None:
+    beliefs = one_target(1.0)
+    last_s = float(beliefs.last_s[0])
+    for k in range(60):
+        beliefs.miss(1, np.array([0]), float(np.log(0.2)))
+        if k % 10 == 0:
+            beliefs.hit(0, np.array([0]), 1.0 + k / 30, Evidence(np.array([5]), np.array([8.0]), np.array([2.0])))
+    assert beliefs.last_s[0] < last_s + 1.1
