@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from edge import __version__
-from edge.config import BoxConfig, load_box
+from edge.config import BoxConfig, load, load_box
 from edge.errors import ConfigError, SkyfixError
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def _stop_on_signals(stop: threading.Event) -> None:
 def _check(arguments: argparse.Namespace) -> int:
     from edge.check import check_box, resolved  # noqa: PLC0415
 
-    config = load_box(arguments.config)
+    config = load(arguments.config, BoxConfig)  # a lens that is not measured yet is a finding, beside all others
     print(resolved(config))
     worst = DONE
     for check in check_box(config, arguments.config):

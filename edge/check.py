@@ -17,7 +17,7 @@ from edge.capture import is_lossless, open_source
 from edge.clock import ClockMonitor, check_clock
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector import open_detector
-from edge.errors import SkyfixError
+from edge.errors import ConfigError, SkyfixError
 from edge.gnss.diagnosis import State
 from edge.gnss.receiver import Receiver
 from edge.health import Check
@@ -55,7 +55,11 @@ def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
 
 def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock: ClockMonitor) -> Iterator[Check]:
     """The camera's lens, its frames and their time, its detector and how long it takes."""
-    lens = load_lens(camera, config_file)
+    try:
+        lens = load_lens(camera, config_file)
+    except ConfigError as error:
+        yield failure(f"lens {camera.id}", error)
+        return
     yield Check(
         f"lens {camera.id}", "ok", f"{lens.model}, focal length {lens.intrinsics[0]:.1f} px, rms {lens.rms_px} px"
     )

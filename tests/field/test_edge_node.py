@@ -198,6 +198,15 @@ def test_check_fails_with_what_to_do(folder: Path) -> None:
     assert "give the path of a video file" in out
 
 
+def test_check_names_a_lens_that_is_not_measured_yet_beside_all_else(folder: Path, endpoint: str) -> None:
+    """A box that was just installed: its template names a lens file that nobody could have made yet."""
+    code, out, _ = finish(start("check", "--config", config(folder, endpoint, lens='"none.toml"')))
+    assert code == 1
+    assert "\nFAIL lens cam1" in out
+    assert f"edge-node lens PHOTOS... --board 9x6 -o {folder / 'none.toml'}" in out
+    assert "\nWARN link" in out
+
+
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["run"], ["lens", "a.png"]])
 def test_wrong_usage(arguments: list[str]) -> None:
     assert finish(start(*arguments))[0] == 2
