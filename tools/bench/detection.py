@@ -42,7 +42,7 @@ COLUMNS: Final = ("frame", "x_px", "y_px", "width_px", "height_px", "score")
 
 @dataclass(frozen=True)
 class ClipResult:
-    """What was found in one clip, by row of figures; its frames; and the class its longest track was voted, if any."""
+    """What was found in one clip, by row of figures; its frames; and the class its clearest track was voted, if any."""
 
     clip: str
     frames: int
@@ -131,13 +131,15 @@ def of_rows(rows: list[Row], video: Path) -> Boxes:
 
 
 def vote(rows: list[Row], names: tuple[str, ...]) -> str | None:
-    """The class of the track with the most measured rows, as it stood at its end; None without a track."""
+    """The class of the track that was seen most surely for longest, as it stood at its end; None without a track."""
     measured = [row for row in rows if row.status == "confirmed"]
     if not measured:
         return None
-    numbers = [row.track for row in measured]
-    longest = max(sorted(set(numbers)), key=numbers.count)
-    last = [row for row in measured if row.track == longest][-1]
+    weight: dict[int, float] = {}
+    for row in measured:
+        weight[row.track] = weight.get(row.track, 0.0) + row.score
+    clearest = max(sorted(weight), key=weight.__getitem__)
+    last = [row for row in measured if row.track == clearest][-1]
     return names[int(np.argmax(last.classes))] if last.classes else None
 
 
