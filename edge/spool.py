@@ -14,13 +14,13 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Annotated, Final, Self
+from typing import Annotated, Final
 
 import msgspec
 
 from edge.inbox import Inbox
 from edge.messages import MAX_BACKLOG_ROWS, Backlog, Inventory, SpooledEpoch, encode
+from edge.own_thread import OwnThread
 from edge.request import Request
 from edge.spool_store import Row, SpoolStore
 
@@ -53,11 +53,15 @@ class SpoolCounters(msgspec.Struct, frozen=True, kw_only=True):
     disk_failures: int
 
 
-class Spool:
-    """The last hours of one camera on disk. Node's side: `keep`. Base's side: the requests of the `backlog` key."""
+class Spool(OwnThread):
+    """The last hours of one camera on disk. Node's side: `keep`. Base's side: the requests of the `backlog` key.
+
+    Closing it commits what waits and closes the file.
+    """
 
     def __init__(self, settings: SpoolSettings, requests: Inbox[Request]) -> None:
         """requests: `link.serve(camera_key(site, camera, "backlog"))`."""
+        super().__init__("spool", CLOSE_S)
         self._settings = settings
         self._requests = requests
         self._store: SpoolStore | None = None
@@ -66,24 +70,7 @@ class Spool:
         self._batch: list[Row] = []  # being committed; only the spool's thread touches it
         self._next_try = 0.0
         self._error = ""
-        self._stopping = False
         self._counts = dict.fromkeys(SpoolCounters.__struct_fields__, 0)
-        self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Commit what waits and close the file; returns within 2 s."""
-        self._stopping = True
-        if self._thread.is_alive():
-            self._thread.join(CLOSE_S)
 
     def keep(self, epoch: int, seq: int, t_unix_ns: int, payload: bytes) -> None:
         """Keep one Tracks message, as it is sent; never blocks."""
@@ -109,7 +96,7 @@ class Spool:
 
     def _run(self) -> None:
         next_commit = time.monotonic()
-        while not self._stopping:
+        while not self._stop.is_set():
             request = self._requests.get(max(0.0, next_commit - time.monotonic()))
             if time.monotonic() >= next_commit:
                 self._commit()

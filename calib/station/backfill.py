@@ -12,8 +12,7 @@ import logging
 import threading
 import time
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 import msgspec
 
@@ -23,6 +22,7 @@ from edge.errors import MessageError
 from edge.inbox import Inbox, Received
 from edge.link import Link
 from edge.messages import Backlog, Inventory, Tracks, camera_key, camera_of_key, decode
+from edge.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
@@ -45,11 +45,12 @@ class BackfillCounters(msgspec.Struct, frozen=True, kw_only=True):
     refused: int  # answers that were not what was asked
 
 
-class Backfill:
+class Backfill(OwnThread):
     """Asks the boxes of a site for what is missing. `late` holds what came, under `.../cam/<camera>/backlog` keys."""
 
     def __init__(self, link: Link, site: str, memory: Path | None = None) -> None:
         """memory: a file that remembers over restarts what the station has; None: ask anew for everything."""
+        super().__init__("backfill", CLOSE_S)
         self._link = link
         self._site = site
         self._memory = memory
@@ -61,23 +62,6 @@ class Backfill:
         self._missing: dict[str, list[Gap]] = {}
         self._reachable: set[str] = set()  # cameras that answered the last question for inventories
         self._counts = dict.fromkeys(BackfillCounters.__struct_fields__, 0)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="backfill", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Stop asking; returns within half a second, or 2.5 s on a busy machine."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(CLOSE_S)
 
     def have(self, camera: str, tracks: Tracks) -> None:
         """Note a live message that was recorded."""

@@ -147,9 +147,10 @@ class Intake:
             self.clock.hear(camera.id, t_unix_ns, now_ns)
             return True
         camera.last_ns = now_ns
-        where = "in the future of" if ahead_s > 0 else "behind"
-        fault = f"its times are {abs(ahead_s):.1f} s {where} the other cameras'"
-        name = "future" if ahead_s > 0 else "past"
+        if ahead_s > 0:
+            name, fault = "future", f"its times are {ahead_s:.1f} s in the future of the other cameras'"
+        else:
+            name, fault = "past", f"its times are {-ahead_s:.1f} s behind the other cameras'"
         camera.fault(name, fault, "set the box's clock (chrony); its frames are left out", now_ns)
         return False
 

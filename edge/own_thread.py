@@ -1,0 +1,48 @@
+"""A thread that belongs to somebody: started when its owner is entered, told to stop and joined when it is left.
+
+A thread that nobody joins tears at what it uses while the process goes down; one that is waited for without an end
+keeps the process from going down at all. So every owner says how long it is waited for, and what wakes it.
+"""
+
+import logging
+import threading
+from types import TracebackType
+from typing import Self
+
+log = logging.getLogger(__name__)
+
+
+class OwnThread:
+    """Base of what has one thread of its own: give it `_run`, which ends soon after `_stop` is set."""
+
+    def __init__(self, name: str, close_s: float) -> None:
+        """close_s: its share of the 3 s in which a program must be down."""
+        self._name = name
+        self._close_s = close_s
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop in order; returns within the time it was given, whatever the thread hangs in."""
+        self._stop.set()
+        self._wake()
+        if self._thread.is_alive():
+            self._thread.join(self._close_s)
+            if self._thread.is_alive():
+                log.warning("%s: not done within %.1f s; left to the process's end", self._name, self._close_s)
+
+    def _run(self) -> None:
+        """The thread's work."""
+        raise NotImplementedError
+
+    def _wake(self) -> None:
+        """Rouse the thread from whatever it waits for, besides `_stop`."""
