@@ -111,10 +111,11 @@ class Guard:
         if self._network is None:
             return found
         pairs = self._witnesses([c.id for c in self._network.cameras if c.id not in self._ignored])
-        if pairs and abs(now_unix_ns - self._heard_ns) >= HEARING_NS:
-            self._heard_ns = now_unix_ns
-            self._hear(*pairs[self._turn % len(pairs)], now_unix_ns)
-            self._turn += 1
+        if not pairs or abs(now_unix_ns - self._heard_ns) < HEARING_NS:
+            return found
+        self._heard_ns = now_unix_ns
+        self._hear(*pairs[self._turn % len(pairs)], now_unix_ns)
+        self._turn += 1
         return found + self._verdict(now_unix_ns)
 
     @staticmethod

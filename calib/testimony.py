@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edge.lens import Array
 
@@ -27,6 +28,8 @@ KNOCK_PX: Final = 2.0  # less is a lens, not a knock
 CLOCK_SIGMA: Final = 4.5
 CLOCK_S: Final = 0.010  # a smaller step moves a target by less than its noise
 CLOCK_PRIOR_S: Final = 0.5
+FREE_PX: Final = 1e6  # a knock may be of any size
+NO_CLOCK_S: Final = 1e-9
 ROUNDS: Final = 4  # of reweighting: a wrong partner is far off and must not count
 
 
@@ -60,31 +63,67 @@ def judge(heard: Sequence[Testimony], now_unix_ns: int, clock_sigma_s: float = 0
     clock_sigma_s: by how much this camera's clock may be off the calibration's without being at fault: a consumer's
     camera with a clock of its own wanders by tens of milliseconds in a minute, a disciplined box does not.
     """
-    windows = [[t for t in heard if t.t_unix_ns > now_unix_ns - window] for window in WINDOWS_NS]
-    found = [_judge(window, clock_sigma_s) for window in windows]
+    stamps = np.array([t.t_unix_ns for t in heard], np.int64)
+    inside = np.array([stamps > now_unix_ns - window for window in WINDOWS_NS]).reshape(len(WINDOWS_NS), len(heard))
+    inside = inside[[_enough(stamps[window]) for window in inside]]
+    if not len(inside):
+        return None
+    said = _Said.of(heard)
+    expected = np.array([said.expected_px(window, clock_sigma_s) for window in inside])
+    knocks = _fit(said, inside, np.full(len(inside), FREE_PX), NO_CLOCK_S, said.middle_px(inside))
+    clocks = _fit(said, inside, expected, CLOCK_PRIOR_S, np.zeros((len(inside), 2)))  # beside what is expected anyway
+    found = [
+        _accusation(knock, clock, float(expected_px), clock_sigma_s, int(stamps[window][0]))
+        for knock, clock, expected_px, window in zip(knocks, clocks, expected, inside, strict=True)
+    ]
     return max((one for one in found if one is not None), key=lambda one: one.strength, default=None)
 
 
-def _judge(heard: list[Testimony], clock_sigma_s: float) -> Accusation | None:
-    if len(heard) < FEWEST or heard[-1].t_unix_ns - heard[0].t_unix_ns < SHORTEST_NS:
+def _enough(stamps: NDArray[np.int64]) -> bool:
+    return len(stamps) >= FEWEST and stamps[-1] - stamps[0] >= SHORTEST_NS
+
+
+def _accusation(
+    knocked: "_Fit", stepped: "_Fit", expected_px: float, clock_sigma_s: float, since_unix_ns: int
+) -> Accusation | None:
+    knock_px = float(np.linalg.norm(knocked.value[:2]))
+    knock = knock_px / float(np.sqrt(np.trace(knocked.covariance[:2, :2]) / 2 + expected_px**2))
+    clock_s = float(stepped.value[2])
+    clock = abs(clock_s) / float(np.hypot(np.sqrt(stepped.covariance[2, 2]), clock_sigma_s))
+    is_knocked, is_stepped = knock > KNOCK_SIGMA and knock_px > KNOCK_PX, clock > CLOCK_SIGMA and abs(clock_s) > CLOCK_S
+    if not is_knocked and not is_stepped:
         return None
-    off = np.array([t.off_px for t in heard])
-    velocity = np.array([t.velocity_px_s for t in heard])
-    noise = np.array([t.noise_px for t in heard]) * np.sqrt(ALIKE)
-    wander_px = float(np.median(np.linalg.norm(velocity, axis=1))) * clock_sigma_s
-    expected = float(np.hypot(np.median([t.expected_px for t in heard]), wander_px))
-    free = _fit(off, velocity, noise, (1e6, 1e-9))  # a knock alone
-    knock_px = float(np.linalg.norm(free.value[:2]))
-    knock = knock_px / float(np.sqrt(np.trace(free.covariance[:2, :2]) / 2 + expected**2))
-    both = _fit(off, velocity, noise, (expected, CLOCK_PRIOR_S))  # a clock, beside what is expected anyway
-    clock_s = float(both.value[2])
-    clock = abs(clock_s) / float(np.hypot(np.sqrt(both.covariance[2, 2]), clock_sigma_s))
-    knocked, stepped = knock > KNOCK_SIGMA and knock_px > KNOCK_PX, clock > CLOCK_SIGMA and abs(clock_s) > CLOCK_S
-    if not knocked and not stepped:
-        return None
-    by_clock = stepped and (not knocked or both.cost < free.cost)
+    by_clock = is_stepped and (not is_knocked or stepped.cost < knocked.cost)
     strength = clock / CLOCK_SIGMA if by_clock else knock / KNOCK_SIGMA
-    return Accusation(strength, heard[0].t_unix_ns, None if by_clock else knock_px, clock_s if by_clock else None)
+    return Accusation(strength, since_unix_ns, None if by_clock else knock_px, clock_s if by_clock else None)
+
+
+@dataclass(frozen=True)
+class _Said:
+    """All testimony on a camera as arrays: off_px, velocity_px_s (N, 2), noise_px, expected (N,)."""
+
+    off_px: Array
+    velocity_px_s: Array
+    noise_px: Array
+    expected: Array
+
+    @classmethod
+    def of(cls, heard: Sequence[Testimony]) -> "_Said":
+        return cls(
+            np.array([t.off_px for t in heard]),
+            np.array([t.velocity_px_s for t in heard]),
+            np.array([t.noise_px for t in heard]) * np.sqrt(ALIKE),
+            np.array([t.expected_px for t in heard]),
+        )
+
+    def middle_px(self, inside: NDArray[np.bool_]) -> Array:
+        """(W, 2) median of what is off, a window."""
+        return np.array([np.median(self.off_px[window], axis=0) for window in inside])
+
+    def expected_px(self, window: NDArray[np.bool_], clock_sigma_s: float) -> float:
+        """What the calibration and a clock that wanders leave, one sigma."""
+        wander_px = float(np.median(np.linalg.norm(self.velocity_px_s[window], axis=1))) * clock_sigma_s
+        return float(np.hypot(np.median(self.expected[window]), wander_px))
 
 
 @dataclass(frozen=True)
@@ -96,18 +135,32 @@ class _Fit:
     cost: float
 
 
-def _fit(off: Array, velocity: Array, noise: Array, prior: tuple[float, float]) -> _Fit:
-    """off = offset + delay * velocity, robustly (Cauchy weights), with prior sigmas of offset and delay."""
-    design = np.zeros((len(off), 2, 3))
-    design[:, 0, 0] = design[:, 1, 1] = 1.0
-    design[:, :, 2] = velocity
-    precision = np.diag([prior[0] ** -2, prior[0] ** -2, prior[1] ** -2])
-    value = np.append(np.median(off, axis=0), 0.0) if prior[1] < 1e-6 else np.zeros(3)
-    weight = noise**-2
+def _fit(
+    said: _Said, inside: NDArray[np.bool_], offset_sigma_px: Array, delay_sigma_s: float, start: Array
+) -> list[_Fit]:
+    """off = offset + delay * velocity for each window (W, N), robustly (Cauchy weights), with prior sigmas of both.
+
+    start: (W, 2) offsets to begin with. All windows at once: this is asked of every camera several times a second.
+    """
+    v, noise2 = said.velocity_px_s, said.noise_px**2
+    features = np.column_stack([np.ones(len(v)), v, (v**2).sum(axis=1)])
+    targets = np.column_stack([said.off_px, (v * said.off_px).sum(axis=1)])
+    value = np.column_stack([start, np.zeros(len(start))])
     for _ in range(ROUNDS):
-        residual = np.linalg.norm(off - np.einsum("nij,j->ni", design, value), axis=1) / noise
-        weight = noise**-2 / (1 + (residual / 3) ** 2)
-        normal = np.einsum("nia,n,nib->ab", design, weight, design) + precision
-        value = np.linalg.solve(normal, np.einsum("nia,n,ni->a", design, weight, off))
-    left = np.linalg.norm(off - np.einsum("nij,j->ni", design, value), axis=1) / noise
-    return _Fit(value, np.linalg.inv(normal), float(np.sum(np.log1p((left / 3) ** 2))))
+        weight = inside / noise2 / (1 + _squares(said, value) / (9 * noise2))
+        one, vx, vy, vv = (weight @ features).T
+        nil = np.zeros_like(one)
+        normal = np.stack([one, nil, vx, nil, one, vy, vx, vy, vv], axis=1).reshape(-1, 3, 3)
+        normal[:, [0, 1], [0, 1]] += offset_sigma_px[:, None] ** -2
+        normal[:, 2, 2] += delay_sigma_s**-2
+        covariance = np.linalg.inv(normal)
+        value = np.matmul(covariance, (weight @ targets)[:, :, None])[:, :, 0]
+    cost = (inside * np.log1p(_squares(said, value) / (9 * noise2))).sum(axis=1)
+    return [_Fit(*fit) for fit in zip(value, covariance, cost.tolist(), strict=True)]
+
+
+def _squares(said: _Said, value: Array) -> Array:
+    """(W, N) squared residuals, px^2."""
+    left = said.off_px - value[:, None, :2] - value[:, None, 2:] * said.velocity_px_s
+    squares: Array = np.einsum("wni,wni->wn", left, left)
+    return squares
