@@ -160,7 +160,7 @@ def test_one_camera_fails_and_the_other_goes_on(folder: Path, endpoint: str, bas
         ({"video": "lens.toml"}, 1, "no video that can be opened"),
         ({"model": "lens.toml"}, 1, "no model that loads"),
         ({"model": "none.onnx"}, 1, "no such model file"),
-        ({"lens": '"none.toml"'}, 2, "none.toml: cannot be read"),
+        ({"lens": '"none.toml"'}, 2, "no such lens file"),
         ({"lens": '"big.toml"'}, 2, "measured at 640 x 480, the frames are 320 x 240"),
         ({"id =": "idd ="}, 2, 'did you mean "id"'),
         (
