@@ -288,6 +288,11 @@ class Tracker:
         ]
         return [self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen]
 
+    def predicted(self, now_s: float) -> list[Estimate]:
+        """All targets that are confirmed, each moved on to now, with what that adds to its covariance."""
+        chosen = np.nonzero(self._beliefs.confirmed)[0].tolist()
+        return [self._estimate(k, now_s, self._state_of(k, now_s), moved_on=True) for k in chosen]
+
     @property
     def confirmed(self) -> int:
         """How many targets are confirmed or coasting."""
@@ -301,8 +306,9 @@ class Tracker:
     def _state_of(self, k: int, now_s: float) -> State:
         return State.COASTING if now_s - self._beliefs.last_s[k] > COASTS_AFTER_S else State.CONFIRMED
 
-    def _estimate(self, k: int, now_s: float, state: State) -> Estimate:
-        dt_s = 0.0 if state is State.CONFIRMED else max(now_s - float(self._bank.t_s[k]), 0.0)
+    def _estimate(self, k: int, now_s: float, state: State, *, moved_on: bool = False) -> Estimate:
+        still = state is State.CONFIRMED and not moved_on
+        dt_s = 0.0 if still else max(now_s - float(self._bank.t_s[k]), 0.0)
         x, P, t_s = self._bank.state[k], self._bank.covariance[k], float(self._bank.t_s[k])
         if dt_s > 0:
             motion = self._options.motion

@@ -290,11 +290,11 @@ class Station:
     # What is told
 
     def current(self, now_unix_ns: int) -> list[Outgoing]:
-        """All targets as of now."""
+        """All targets as of now, which is later than any of their last measurements."""
         if self.tracker is None:
             return []
         now_s = min(self.tracker.site_time_s(now_unix_ns), self.tracker.newest_s + self._options.coast_s)
-        return self._border.cross(self.tracker.estimates(now_s), self.tracker.network.origin)
+        return self._border.cross(self.tracker.predicted(now_s), self.tracker.network.origin)
 
     def targets(self, now_unix_ns: int) -> Targets | None:
         """All targets as of now, as a message; None without a network."""
