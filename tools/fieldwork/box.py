@@ -3,8 +3,8 @@
     python box.py --connect ENDPOINT --site NAME --camera ID --tracks FOLDER --spool FILE --start UNIX_S
 
 Plays the camera's rows in real time, for ever, as if they were seen now. start_unix_s: the instant, the same for all
-boxes, at which the flight began. Every Tracks message it makes is written to standard output as `epoch seq`, so that a
-test knows what ought to arrive.
+boxes, at which the flight began. Every Tracks message it makes is written to standard output as `epoch seq stamp late`,
+the stamp and by how much it was missed in ns, so that a test knows what ought to arrive.
 """
 
 import argparse
@@ -133,7 +133,7 @@ def play(options: argparse.Namespace, stop: threading.Event) -> None:
                 payload = encode(tracks)
                 spool.keep(epoch, seq, t_unix_ns, payload)
                 link.publish_bytes(camera_key(site, camera, "tracks"), payload)
-                print(epoch, seq, flush=True)
+                print(epoch, seq, t_unix_ns, time.time_ns() - t_unix_ns, flush=True)
                 seq += 1
                 next_one += 1
 

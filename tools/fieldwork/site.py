@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -146,14 +147,20 @@ class Site:
 
     def made(self) -> set[tuple[str, int, int]]:
         """(camera, epoch, seq) of all that the boxes made, over all their runs."""
-        found = set()
+        return {(camera, epoch, seq) for camera, epoch, seq, _, _ in self._box_lines()}
+
+    def lateness_s(self, begin_unix_s: float, end_unix_s: float) -> list[float]:
+        """By how much the boxes were late with each frame that was due in a stretch of time."""
+        lines = self._box_lines()
+        return [late * 1e-9 for *_, stamp, late in lines if begin_unix_s <= stamp * 1e-9 < end_unix_s]
+
+    def _box_lines(self) -> Iterator[tuple[str, int, int, int, int]]:
         for log in self.folder.glob("cam*.log"):
             camera = log.name.partition("-")[0]
             for line in log.read_text().splitlines(keepends=True):
-                if line.endswith("\n"):
-                    epoch, seq = line.split()
-                    found.add((camera, int(epoch), int(seq)))
-        return found
+                if line.endswith("\n"):  # the last one may be half written
+                    epoch, seq, stamp, late = map(int, line.split())
+                    yield camera, epoch, seq, stamp, late
 
     def recorded(self) -> list[Row]:
         """Every Tracks message in the base's recordings."""
