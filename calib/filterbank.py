@@ -155,6 +155,14 @@ class FilterBank:
         """(N,) what to expect of each target's acceleration: what it showed, unless nobody would see it change."""
         return np.where(self.watched, self.vigour, np.maximum(self.vigour, UNWATCHED))
 
+    def watch(self, watched: NDArray[np.bool_]) -> None:
+        """Say which targets (N,) two cameras look at; one that only one sees from now on may already be turning."""
+        left = self.watched & ~watched
+        if left.any():
+            calm = np.maximum(UNWATCHED - self.vigour, 0.0) * left * self.motion.sigma_m_s2**2
+            self.covariance[:, [6, 7, 8], [6, 7, 8]] += calm[:, None]
+        self.watched = watched
+
     def add(self, state: Array, covariance: Array, with_poses: Array, t_s: float) -> None:
         """Append one target."""
         self.state = np.concatenate([self.state, state[None]])

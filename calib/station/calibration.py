@@ -13,8 +13,10 @@ from typing import Final
 
 import numpy as np
 
+from calib.continuity import in_time_of
 from calib.network import POSE_SIZE, Network
 from calib.observations import Scene, SiteCamera
+from calib.priors import trusted_clocks
 from calib.station.config import MIN_CAMERAS, CalibrationSection
 from calib.station.window import Window
 from calib.station.worker import Done, Job, Solved
@@ -67,6 +69,8 @@ class Calibration:
     _tried_shared_s: int = 0
     _tried_unix_ns: int = 0
     _took_s: float = 0.0
+    _clocks_known: bool = False
+    _before: Network | None = None  # the one that was dropped last
     _asked: bool = False
 
     # What has been seen
@@ -102,6 +106,7 @@ class Calibration:
         self._tried_shared_s, self._tried_unix_ns, self._asked = shared_s, now_unix_ns, False
         self._jobs += 1
         chosen = tuple(sites[camera] for camera in self.cameras if camera in joined)
+        self._clocks_known = bool(trusted_clocks({camera.id: camera for camera in chosen}))
         observations = {camera.id: window.cameras[camera.id].observations() for camera in chosen}
         scene = Scene(self.site, origin, chosen, observations)
         return Job(self._jobs, scene, self._start())
@@ -147,7 +152,10 @@ class Calibration:
             self._failure_action = "fly wider and higher, where all cameras see it"
             return None
         self._failure = self._failure_action = ""
-        self.network, self.report = done.solved.network, done.solved
+        network, before = done.solved.network, self.network or self._before
+        if before is not None and not self._clocks_known:
+            network = in_time_of(network, before, self._tried_unix_ns)
+        self.network, self.report = network, done.solved
         solved = {camera.id for camera in self.network.cameras}
         self.suspects = {camera: why for camera, why in self.suspects.items() if camera not in solved}
         return self.network
@@ -160,7 +168,7 @@ class Calibration:
 
     def drop(self, why: str) -> None:
         """The network as a whole is not to be believed."""
-        self.network, self.report = None, None
+        self._before, self.network, self.report = self.network, None, None
         self.suspects.clear()
         self._failure, self._failure_action = why, ""
         self._jobs += 1

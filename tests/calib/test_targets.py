@@ -320,3 +320,18 @@ def test_a_target_that_many_frames_deny_is_not_kept_alive_by_a_hit_now_and_then(
         if k % 10 == 0:
             beliefs.hit(0, np.array([0]), 1.0 + k / 30, Evidence(np.array([5]), np.array([8.0]), np.array([2.0])))
     assert beliefs.last_s[0] < last_s + 1.1
+
+
+def test_a_target_that_one_camera_alone_goes_on_seeing_may_already_be_turning() -> None:
+    scene = make(SPEC)
+    bank = FilterBank(scene.network, Singer())
+    for vigour in (0.02, 4.0):
+        bank.add(np.r_[0, 0, 50, 3, 0, 0, 0, 0, 0].astype(float), np.eye(9) * 1e-4, np.zeros((9, 24)), 0.0)
+        bank.vigour[-1] = vigour
+    bank.watch(np.array([False, False]))
+    once = bank.covariance.copy()
+    bank.watch(np.array([False, False]))
+    np.testing.assert_array_equal(bank.covariance, once)
+    calm, wild = once[:, 8, 8]
+    assert calm == pytest.approx(Singer().sigma_m_s2 ** 2 * 0.98, rel=1e-3)
+    assert wild == 1e-4
