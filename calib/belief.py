@@ -129,10 +129,10 @@ class Beliefs:
         rate = self._hits / np.maximum(self._frames, 1e-9)
         return not bool((both & (rate[one] > SUPPORTS) & (rate[other] > SUPPORTS)).any())
 
-    def watched(self, t_s: float) -> NDArray[np.bool_]:
-        """Which targets (N,) at least two cameras have lately seen."""
-        watched: NDArray[np.bool_] = np.count_nonzero(self._seen_s > t_s - SEEN_LATELY_S, axis=1) >= 2
-        return watched
+    def watching(self, t_s: float) -> NDArray[np.intp]:
+        """How many cameras have lately seen each target (N,)."""
+        count: NDArray[np.intp] = np.count_nonzero(self._seen_s > t_s - SEEN_LATELY_S, axis=1)
+        return count
 
     def seen_by(self, target: int) -> list[int]:
         """Cameras that lately contributed to a target."""

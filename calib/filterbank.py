@@ -155,9 +155,10 @@ class FilterBank:
         """(N,) what to expect of each target's acceleration: what it showed, unless nobody would see it change."""
         return np.where(self.watched, self.vigour, np.maximum(self.vigour, UNWATCHED))
 
-    def watch(self, watched: NDArray[np.bool_]) -> None:
-        """Say which targets (N,) two cameras look at; one that only one sees from now on may already be turning."""
-        left = self.watched & ~watched
+    def watch(self, cameras: NDArray[np.intp]) -> None:
+        """Say how many cameras (N,) look at each target; one that only one goes on seeing may already be turning."""
+        watched = cameras >= 2
+        left = self.watched & (cameras == 1)
         if left.any():
             calm = np.maximum(UNWATCHED - self.vigour, 0.0) * left * self.motion.sigma_m_s2**2
             self.covariance[:, [6, 7, 8], [6, 7, 8]] += calm[:, None]

@@ -168,7 +168,7 @@ class Tracker:
         taken = np.zeros(len(rays.pixels), bool)
         if not len(self._bank):
             return taken, []
-        self._bank.watch(self._beliefs.watched(t_s))
+        self._bank.watch(self._beliefs.watching(t_s))
         prediction = self._bank.predict(t_s)
         sighting = self._views[number].sight(prediction.state[:, :3])
         expected = self._bank.expect(prediction, sighting, number)

@@ -328,10 +328,13 @@ def test_a_target_that_one_camera_alone_goes_on_seeing_may_already_be_turning() 
     for vigour in (0.02, 4.0):
         bank.add(np.r_[0, 0, 50, 3, 0, 0, 0, 0, 0].astype(float), np.eye(9) * 1e-4, np.zeros((9, 24)), 0.0)
         bank.vigour[-1] = vigour
-    bank.watch(np.array([False, False]))
+    bank.watch(np.array([1, 1]))
     once = bank.covariance.copy()
-    bank.watch(np.array([False, False]))
+    bank.watch(np.array([1, 1]))
     np.testing.assert_array_equal(bank.covariance, once)
+    unseen = replace(bank, covariance=np.stack([np.eye(9) * 1e-4] * 2))
+    unseen.watch(np.array([0, 0]))
+    assert unseen.covariance[0, 8, 8] == 1e-4, "one that nobody sees coasts, and is soon lost anyway"
     calm, wild = once[:, 8, 8]
     assert calm == pytest.approx(Singer().sigma_m_s2 ** 2 * 0.98, rel=1e-3)
     assert wild == 1e-4
