@@ -4,16 +4,17 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
 from tools.fieldwork.air import Air, possible
 from tools.fieldwork.heard import Row, live_again_after
-from tools.fieldwork.site import ROOT, Site
+from tools.fieldwork.site import ROOT, Made, Site
 
 CAMERAS = ("cam0", "cam1", "cam2")
+CUT_S = 5.0
 STARTS_WITHIN_S = 60.0  # the base's imports alone take seconds on a busy machine
 
 
@@ -32,18 +33,15 @@ class BadDay:
 
     settled_unix_s: float = 0.0
     restored_unix_s: float = 0.0  # cam1 had been cut off for 5 s
+    made_in_cut: int = 0  # what it saw meanwhile
     storm_unix_s: tuple[float, float] = (0.0, 0.0)  # 5 % loss, 50 ms +- 20 ms
     thawed_unix_s: float = 0.0  # the base had been frozen for 5 s
     killed_unix_s: float = 0.0  # cam2 and the base: kill -9, started again
     shutdown_s: dict[str, float] | None = None
-    made: set[tuple[str, int, int]] | None = None
+    made: Made | None = None
     rows: tuple[Row, ...] = ()
 
-    @property
-    def lost(self) -> set[tuple[str, int, int]]:
-        """What the boxes made and no recording has."""
-        assert self.made is not None
-        return self.made - {(row.camera, row.epoch, row.seq) for row in self.rows}
+    lost_inside: Made = field(default_factory=set)  # what no recording has, but for the ends of runs
 
 
 @pytest.fixture(scope="session")
@@ -63,6 +61,8 @@ def bad_day(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> BadDay:
         finally:
             site.bury()
         day.made, day.rows = site.made(), tuple(site.recorded())
+        day.lost_inside = site.lost_inside(day.made)
+        day.made_in_cut = len(site.lateness_s(day.restored_unix_s - CUT_S, day.restored_unix_s, "cam1"))
     return day
 
 
@@ -70,7 +70,7 @@ def _live(day: BadDay, site: Site) -> None:
     time.sleep(1.0)
     day.settled_unix_s = time.time()
     site.air.set(cut=("cam1",))
-    time.sleep(5.0)
+    time.sleep(CUT_S)
     day.restored_unix_s = time.time()
     site.air.set()
     _wait(lambda: live_again_after(site.recorded(), "cam1", day.restored_unix_s) < float("inf"), 10.0)
@@ -90,8 +90,11 @@ def _live(day: BadDay, site: Site) -> None:
         site.kill(host)
         time.sleep(0.3)
         site.start(host)
+    started_ns = time.time_ns()
+    _wait(lambda: set(CAMERAS) <= site.heard.live_since(started_ns), STARTS_WITHIN_S)
+    time.sleep(1.0)  # what was made until the base heard again is no end of a run now
     made = site.made()
-    _wait(lambda: len(made - {(row.camera, row.epoch, row.seq) for row in site.recorded()}) <= 30, 60.0)
+    _wait(lambda: not site.lost_inside(made), 60.0)
 
 
 def _wait(condition: object, within_s: float) -> None:

@@ -10,18 +10,11 @@ import numpy as np
 from tests.field.conftest import CAMERAS, BadDay
 from tools.fieldwork.heard import latency_s, live_again_after
 
-COMMIT_ROWS = 20  # in half a second, at 25 Hz and a margin: what kill -9 may cost a box
-
 
 def test_nothing_measured_is_lost(bad_day: BadDay) -> None:
     assert bad_day.made is not None
-    last = {}
-    for camera, epoch, seq in bad_day.made:
-        last[camera, epoch] = max(seq, last.get((camera, epoch), 0))
-    # The end of each box's run: what kill -9 took from its memory, or what no base was there to hear any more.
-    inside = [row for row in bad_day.lost if last[row[0], row[1]] - row[2] > COMMIT_ROWS]
-    assert inside == []
-    assert len(last) == 4, "three boxes, one of which was started again"
+    assert bad_day.lost_inside == set()
+    assert len({(camera, epoch) for camera, epoch, _ in bad_day.made}) == 4, "three boxes, one of which started again"
 
 
 def test_what_was_cut_off_came_late_and_only_that(bad_day: BadDay) -> None:
@@ -29,7 +22,8 @@ def test_what_was_cut_off_came_late_and_only_that(bad_day: BadDay) -> None:
     before = [row for row in bad_day.rows if row.t_arrival_ns * 1e-9 < bad_day.killed_unix_s]
     calm = [row for row in before if bad_day.settled_unix_s < row.t_unix_ns * 1e-9 < bad_day.storm_unix_s[0] - 1]
     late = {camera: sum(row.late for row in calm if row.camera == camera) for camera in CAMERAS}
-    assert late["cam1"] > 60, "cam1 was cut off for 5 s"
+    # What left it just before the cut may still have arrived, or what was on its way when the link was back.
+    assert late["cam1"] > 0.8 * bad_day.made_in_cut > 0, "cam1 was cut off"
     assert late["cam0"] == late["cam2"] == 0, "a box that was not cut had to be asked"
 
 

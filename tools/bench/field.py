@@ -180,17 +180,9 @@ def _recoveries(killed: list[tuple[str, float, float, float]]) -> None:
 
 def _losses(site: Site, times: int) -> None:
     made = site.made()
-    # The ends of killed runs: rows that no disk had yet.
-    last: dict[tuple[str, int], int] = {}
-    for camera, epoch, seq in made:
-        last[camera, epoch] = max(seq, last.get((camera, epoch), -1))
-
-    def lost() -> list[tuple[str, int, int]]:
-        return [k for k in site.lost(made) if last[k[0], k[1]] - k[2] > 20]
-
-    wait(lambda: not lost(), PATIENCE_S)
-    all_lost = site.lost(made)
-    print(f"{times} kills: {len(all_lost)} of {len(made)} lost, {len(lost())} not in the last 0.5 s of a run")
+    wait(lambda: not site.lost_inside(made), PATIENCE_S)
+    lost, inside = site.lost(made), site.lost_inside(made)
+    print(f"{times} kills: {len(lost)} of {len(made)} lost, {len(inside)} not in the last 0.5 s of a run")
 
 
 def _judge(errors: list[Error], calm_unix_s: float, killed_unix_s: list[float]) -> None:

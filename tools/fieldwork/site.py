@@ -23,7 +23,10 @@ ROOT: Final = HERE.parents[1]
 CERTS: Final = ROOT / "deploy" / "certs"
 PORT: Final = 7447
 QUIET: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+COMMIT_ROWS: Final = 20  # in half a second, at 25 Hz and a margin: what kill -9 may cost a box
 ROUTER_FIRST: Final = {"router": 2, "base": 1}  # what others lean on stops last
+
+Made = set[tuple[str, int, int]]  # camera, epoch, seq
 
 
 class Site:
@@ -145,13 +148,13 @@ class Site:
 
     # What came of it
 
-    def made(self) -> set[tuple[str, int, int]]:
+    def made(self) -> Made:
         """(camera, epoch, seq) of all that the boxes made, over all their runs."""
         return {(camera, epoch, seq) for camera, epoch, seq, _, _ in self._box_lines()}
 
-    def lateness_s(self, begin_unix_s: float, end_unix_s: float) -> list[float]:
-        """By how much the boxes were late with each frame that was due in a stretch of time."""
-        lines = self._box_lines()
+    def lateness_s(self, begin_unix_s: float, end_unix_s: float, of: str = "cam") -> list[float]:
+        """By how much the boxes, or one of them, were late with each frame that was due in a stretch of time."""
+        lines = [line for line in self._box_lines() if line[0].startswith(of)]
         return [late * 1e-9 for *_, stamp, late in lines if begin_unix_s <= stamp * 1e-9 < end_unix_s]
 
     def _box_lines(self) -> Iterator[tuple[str, int, int, int, int]]:
@@ -166,10 +169,17 @@ class Site:
         """Every Tracks message in the base's recordings."""
         return self.heard.look()
 
-    def lost(self, made: set[tuple[str, int, int]]) -> set[tuple[str, int, int]]:
+    def lost(self, made: Made) -> Made:
         """Which of these messages no recording has (yet)."""
         self.heard.look()
         return made - self.heard.keys
+
+    def lost_inside(self, made: Made) -> Made:
+        """As `lost`, but for the ends of runs: what kill -9 took from memory, or what no base was there to hear."""
+        last: dict[tuple[str, int], int] = {}
+        for camera, epoch, seq in made:
+            last[camera, epoch] = max(seq, last.get((camera, epoch), -1))
+        return {(c, e, s) for c, e, s in self.lost(made) if last[c, e] - s > COMMIT_ROWS}
 
     def errors(self) -> list[Error]:
         """How far, in metres and in its own sigmas, each confirmed target was from the nearest true object."""
