@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: setup demo test check lock bundle clean
+.PHONY: setup demo test test-rooms test-field check lock bundle clean
 
 setup: .venv/installed
 
@@ -15,8 +15,15 @@ setup: .venv/installed
 demo: setup
 	$(BIN)/python -m tools.demo
 
+# The field tests mostly wait (for links to come back, for watchdogs): beside the others they cost hardly any time.
 test: check
-	$(BIN)/python -m pytest
+	$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-rooms test-field
+
+test-rooms: setup
+	$(BIN)/python -m pytest --ignore=tests/field
+
+test-field: setup
+	$(BIN)/python -m pytest tests/field
 
 check: setup
 	$(BIN)/ruff check .
