@@ -7,6 +7,7 @@ Who is accused by most of its witnesses is named, one at a time, because a knock
 """
 
 from collections import defaultdict, deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
@@ -20,7 +21,8 @@ from calib.sighting import View
 from calib.targets import Frame
 from calib.testimony import Accusation, Testimony, judge
 
-HEARING_NS: Final = 200_000_000  # between hearings of one pair of witnesses: the loop must not wait for the guard
+HEARING_NS: Final = 200_000_000  # between hearings of one pair of witnesses: a twentieth of a core at most
+DONE: Final = object()  # what a round that is over gives
 ACCUSED_A_HEARING: Final = 6  # cameras a pair testifies about at once, for the same reason
 WATCHED_NS: Final = 1_000_000_000  # of rays looked at: longer, and an old pose speaks with the new
 MIN_SAMPLES: Final = 3  # instants both the witnesses' point and the accused's track must have
@@ -67,7 +69,10 @@ class Guard:
         self._since: dict[str, int] = {}
         self._testimony: defaultdict[str, deque[Testimony]] = defaultdict(lambda: deque(maxlen=400))
         self._turn = 0
-        self._heard_ns = 0
+        self._round: Iterator[None] | None = None  # under way, a piece at a time
+        self._round_ns = 0
+        self._now_unix_ns = 0
+        self._found: list[Finding] = []
         self._frozen: dict[str, tuple[bytes, int, int]] = {}  # pixels, since, frames
         self._candidate: _Candidate | None = None
         self.clock_sigma_s: dict[str, float] = {}  # how well each camera keeps time; who is not in it is disciplined
@@ -81,7 +86,8 @@ class Guard:
 
     def forget(self) -> None:
         """There is no network any more."""
-        self._network, self._candidate = None, None
+        self._network, self._candidate, self._round = None, None, None
+        self._found.clear()
         self._ignored.clear()
         self._testimony.clear()
         self.residual_mrad.clear()
@@ -89,6 +95,7 @@ class Guard:
     def ignore(self, camera: str) -> None:
         """This camera has been left out; neither believe nor accuse it."""
         self._ignored.add(camera)
+        self._round = None
         self._testimony.clear()  # testimony together with it was false
 
     def observe(self, frame: Frame) -> None:
@@ -102,21 +109,35 @@ class Guard:
     # Watching
 
     def findings(self, now_unix_ns: int) -> list[Finding]:
-        """Hear the next witnesses; who is guilty now."""
+        """Who is guilty now; a round of hearings that is not done by now is finished, and the next begun."""
         found = [
             Finding(camera, "its picture is frozen", since)
             for camera, (_, since, frames) in self._frozen.items()
             if frames >= FROZEN_FRAMES and now_unix_ns - since > FROZEN_S * 1e9
         ]
-        if self._network is None:
-            return found
-        pairs = self._witnesses([c.id for c in self._network.cameras if c.id not in self._ignored])
-        if not pairs or abs(now_unix_ns - self._heard_ns) < HEARING_NS:
-            return found
-        self._heard_ns = now_unix_ns
-        self._hear(*pairs[self._turn % len(pairs)], now_unix_ns)
+        if abs(now_unix_ns - self._round_ns) >= HEARING_NS:
+            while self._round is not None:
+                self.work(now_unix_ns)
+            self._round, self._round_ns = self._hearings(), now_unix_ns
+        found += self._found
+        self._found = []
+        return found
+
+    def work(self, now_unix_ns: int) -> None:
+        """Do one piece of the round, of a millisecond or two: done at once, the loop would keep positions waiting."""
+        self._now_unix_ns = now_unix_ns
+        if self._round is not None and next(self._round, DONE) is DONE:
+            self._round = None
+
+    def _hearings(self) -> Iterator[None]:
+        """A round: one pair of witnesses meets, each other camera is compared, each that was heard is judged."""
+        network = self._network
+        pairs = [] if network is None else self._witnesses([c.id for c in network.cameras if c.id not in self._ignored])
+        if network is None or not pairs:
+            return
+        yield from self._hear(network, *pairs[self._turn % len(pairs)])
         self._turn += 1
-        return found + self._verdict(now_unix_ns)
+        yield from self._verdict()
 
     @staticmethod
     def _witnesses(cameras: list[str]) -> list[tuple[str, str]]:
@@ -124,18 +145,18 @@ class Guard:
             return list(combinations(cameras, 2))
         return [(cameras[k], cameras[(k + n) % len(cameras)]) for k in range(len(cameras)) for n in (1, 2, 3)]
 
-    def _hear(self, one: str, other: str, now_unix_ns: int) -> None:
-        network = self._network
-        assert network is not None
-        since_ns = now_unix_ns - WATCHED_NS
+    def _hear(self, network: Network, one: str, other: str) -> Iterator[None]:
+        since_ns = self._now_unix_ns - WATCHED_NS
         met, _ = meetings(network, (one, other), self._tracks, since_ns)
         if met is None:
             return
         self.residual_mrad[one, other] = met.miss_rad * 1e3
         others = [c.id for c in network.cameras if c.id not in {one, other} | self._ignored]
         for k in range(min(ACCUSED_A_HEARING, len(others))):
+            yield
             camera = others[(self._turn + k) % len(others)]
-            self._testify(network, camera, met, self._tracks.of(network.camera(camera), network, since_ns), now_unix_ns)
+            tracks = self._tracks.of(network.camera(camera), network, since_ns)
+            self._testify(network, camera, met, tracks, self._now_unix_ns)
 
     def _testify(
         self, network: Network, camera_id: str, met: Meetings, tracks: list[RayTrack], now_unix_ns: int
@@ -164,17 +185,19 @@ class Guard:
                 said = Testimony(now_unix_ns, median[n, m], velocity, float(noise_px[m]), float(expected_px[m]))
                 self._testimony[camera_id].append(said)
 
-    def _verdict(self, now_unix_ns: int) -> list[Finding]:
-        """At most one camera a time: the others' testimony is heard afresh without it."""
-        judged = [
-            (judge(heard, now_unix_ns, self.clock_sigma_s.get(camera, DISCIPLINED_S)), camera)
-            for camera, heard in self._testimony.items()
-        ]
-        accused = [(accusation.strength, camera, accusation) for accusation, camera in judged if accusation is not None]
-        if not accused:
-            return []
-        _, camera, accusation = max(accused, key=lambda entry: entry[:2])
-        return [Finding(camera, self._reason(camera, accusation), accusation.since_unix_ns - WATCHED_NS)]
+    def _verdict(self) -> Iterator[None]:
+        """At most one camera a round: the others' testimony is heard afresh without it."""
+        accused: list[tuple[float, str, Accusation]] = []
+        for camera in list(self._testimony):
+            yield
+            sigma_s = self.clock_sigma_s.get(camera, DISCIPLINED_S)
+            accusation = judge(self._testimony[camera], self._now_unix_ns, sigma_s)
+            if accusation is not None:
+                accused.append((accusation.strength, camera, accusation))
+        if accused:
+            _, camera, accusation = max(accused, key=lambda entry: entry[:2])
+            since_unix_ns = accusation.since_unix_ns - WATCHED_NS
+            self._found = [Finding(camera, self._reason(camera, accusation), since_unix_ns)]
 
     def _reason(self, camera: str, accusation: Accusation) -> str:
         if accusation.clock_s is not None:

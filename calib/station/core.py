@@ -35,6 +35,7 @@ from edge.messages import Health, HealthLevel, NetworkCamera, NetworkMessage, Ta
 from edge.messages import Lens as LensMessage
 
 NS: Final = 10**9
+GUARD_NS: Final = NS // 80  # a piece of guarding: sixteen in a round of the guard's
 FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
 SLOW_NS: Final = NS  # health, network, plans
 UNDISCIPLINED_S: Final = 0.05  # s: a camera that says nothing of its clock wanders by so much between calibrations
@@ -87,7 +88,7 @@ class Station:
         self._said_s: dict[int, float] = {}
         # A tenth early is not early: frames come at their own rate.
         self._said_every_s = 0.9 / max((endpoint.rate_hz for endpoint in config.mavlink.endpoint), default=50.0)
-        self._fast_ns = self._slow_ns = self._frame_ns = 0
+        self._fast_ns = self._slow_ns = self._frame_ns = self._guard_ns = 0
         self._told: tuple[str, str] = ("", "")
         self._levels: dict[str, str] = {}
 
@@ -191,6 +192,9 @@ class Station:
 
     def tick(self, now_ns: int) -> Tick:
         """What is due at now_ns; call it often."""
+        if now_ns - self._guard_ns >= GUARD_NS:
+            self._guard_ns = now_ns
+            self.guard.work(self.now_unix_ns(now_ns))
         if now_ns - self._fast_ns < FAST_NS:
             return Tick()
         self._fast_ns = now_ns
