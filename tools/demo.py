@@ -70,7 +70,7 @@ def demonstrate(scene: Simulation, folder: Path, *, reuse_video: bool) -> tuple[
         receivers = stack.enter_context(Receivers(antennas, scene.origin, scene.seed))
         programs = stack.enter_context(Programs(folder / "log"))
         start_unix_ns = time.time_ns() + round(SETTLE_S * 1e9)
-        ports = site.Ports(site.free_tcp_port(), listener.port, site.free_tcp_port())
+        ports = site.Ports(site.free_port(), listener.port, site.free_port())
         running = Site(scene, watched, folder, ports, listener, start_unix_ns)
         base, boxes = _start(running, programs, videos, receivers.devices)
         print(f"started base-station and {len(boxes)} edge-node; logs in {folder / 'log'}")

@@ -18,14 +18,12 @@ import calib.station.mavlink  # noqa: F401 -- registers the dialect with pymavli
 from calib.geodesy import ecef_to_enu
 from calib.station import recording
 from calib.station.memory import Keeper
-from edge.link import Link
-from edge.link_profile import LinkSettings
-from tools.bench.station_feed import feed
-from tools.bench.station_messages import SITE, Sent, messages
+from tools.bench.station_feed import boxes
+from tools.bench.station_messages import SITE
 from tools.bench.station_scenes import ORIGIN, Scene, Spec, make
 
 SPEC = Spec(cameras=3, uavs=1, rate_hz=15.0, duration_s=60.0)
-BACK_WITHIN_S = 30.0  # 5 s on a quiet computer (tools.bench.station_restart); here only a hang may fail
+BACK_WITHIN_S = 30.0  # 5 s on a quiet computer (tools.bench.field kills); here only a hang may fail
 
 
 class Listener:
@@ -110,21 +108,8 @@ def start(folder: Path) -> Iterator[Callable[[], "subprocess.Popen[bytes]"]]:
 def feeding(endpoint: str) -> Iterator[Scene]:
     """Boxes that send the scene from now on, whether anybody listens or not."""
     scene = make(SPEC)
-    ready = list(messages(scene))
-    stop = threading.Event()
-
-    def until_stopped() -> Iterator[Sent]:
-        for message in ready:
-            if stop.is_set():
-                return
-            yield message
-
-    with Link(LinkSettings(connect=(endpoint,)), name="boxes") as link:
-        thread = threading.Thread(target=lambda: feed(link, until_stopped()))
-        thread.start()
+    with boxes(scene, endpoint):
         yield scene
-        stop.set()
-        thread.join()
 
 
 def error_m(scene: Scene, message: common.MAVLink_message) -> float:

@@ -22,7 +22,8 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega, common
 
 from calib.station.mavlink_codec import Codec
-from tools.fieldwork.base import Base, free_port, key_of
+from tools.demonstration.site import free_port
+from tools.fieldwork.base import Base, key_of
 
 PASSPHRASE: Final = "hill"
 KEY: Final = key_of(PASSPHRASE)

@@ -23,7 +23,8 @@ from typing import Final
 from pymavlink.dialects.v20 import common
 
 from calib.station.mavlink_codec import ticks
-from tools.fieldwork.base import Base, free_port, key_of
+from tools.demonstration.site import free_port
+from tools.fieldwork.base import Base, key_of
 from tools.fieldwork.peers import Ear, Peers, dissected, has_wireshark
 
 PASSPHRASE: Final = "hill"

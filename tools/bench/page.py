@@ -12,7 +12,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -22,10 +21,8 @@ from pathlib import Path
 from typing import Final
 
 from calib.station.memory import Keeper
-from edge.link import Link
-from edge.link_profile import LinkSettings
-from tools.bench.station_feed import feed
-from tools.bench.station_messages import SITE, messages
+from tools.bench.station_feed import boxes
+from tools.bench.station_messages import SITE
 from tools.bench.station_scenes import ORIGIN, Spec, make
 
 PORT: Final = 18080
@@ -82,6 +79,7 @@ def measure(station: int, seconds: float) -> Half:
 @contextmanager
 def running(folder: Path, spec: Spec) -> Iterator[int]:
     """A station fed with the scene; its process id."""
+    scene = make(spec)
     cameras = "".join(f'[[camera]]\nid = "cam{k}"\n' for k in range(spec.cameras))
     (folder / "base.toml").write_text(
         f'state_folder = "state"\n[site]\nname = "{SITE}"\norigin = {list(ORIGIN)}\n{cameras}'
@@ -90,17 +88,12 @@ def running(folder: Path, spec: Spec) -> Iterator[int]:
     )
     (folder / "state").mkdir()
     with Keeper(folder / "state") as keeper:
-        keeper.store_network(make(spec).network)
-    ready, stop = list(messages(make(spec))), threading.Event()
+        keeper.store_network(scene.network)
     command = [sys.executable, "-m", "calib.station.app", "run", "--config", str(folder / "base.toml")]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as station:
         until_up()
-        with Link(LinkSettings(connect=(ENDPOINT,)), name="boxes") as link:
-            sending = threading.Thread(target=feed, args=(link, (m for m in ready if not stop.is_set())))
-            sending.start()
+        with boxes(scene, ENDPOINT):
             yield station.pid
-            stop.set()
-            sending.join()
         station.terminate()
 
 

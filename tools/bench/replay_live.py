@@ -22,7 +22,7 @@ from edge.errors import SkyfixError
 from tools.demonstration.listener import Listener, Position
 from tools.demonstration.processes import Programs
 from tools.demonstration.score import LOST
-from tools.demonstration.site import free_tcp_port
+from tools.demonstration.site import free_port
 from tools.evaluate import evaluate, read_truth, table
 from tools.replay import main as replay
 from tools.replaying.source import Source, open_source
@@ -44,7 +44,7 @@ def base_toml(source: Source, zenoh_port: int, mavlink_port: int) -> str:
             "link": {"listen": [f"tcp/127.0.0.1:{zenoh_port}"]},
             "mavlink": {"simulated": True, "endpoint": [endpoint]},
             "recording": {"folder": "recording", "min_free_mb": 50},
-            "status": {"port": free_tcp_port()},
+            "status": {"port": free_port()},
         }
     )
 
@@ -56,7 +56,7 @@ def run(source: Source, speed: float, folder: Path) -> tuple[list[Position], int
     with ExitStack() as stack:
         listener = stack.enter_context(Listener(folder))
         programs = stack.enter_context(Programs(folder / "log"))
-        port = free_tcp_port()
+        port = free_port()
         config = folder / "base.toml"
         config.write_text(base_toml(source, port, listener.port), encoding="utf-8")
         base = programs.start("base-station", "base-station", "run", "--config", str(config))

@@ -4,14 +4,16 @@
 """
 
 import argparse
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 from edge.link import Link
 from edge.link_profile import LinkSettings
 from edge.messages import MESSAGES, camera_key, camera_of_key, decode
 from tools.bench.station_messages import SITE, Sent, messages
-from tools.bench.station_scenes import T0_UNIX_NS, Spec, make
+from tools.bench.station_scenes import T0_UNIX_NS, Scene, Spec, make
 
 
 def feed(link: Link, sent: Iterator[Sent], speed: float = 1.0) -> int:
@@ -28,6 +30,27 @@ def feed(link: Link, sent: Iterator[Sent], speed: float = 1.0) -> int:
             link.publish_bytes(message.key, message.payload)
         count += 1
     return count
+
+
+@contextmanager
+def boxes(scene: Scene, endpoint: str) -> Iterator[None]:
+    """Boxes that say what the scene's cameras see, in real time, for as long as the context lasts."""
+    ready, stop = list(messages(scene)), threading.Event()
+
+    def until_stopped() -> Iterator[Sent]:
+        for message in ready:
+            if stop.is_set():
+                return
+            yield message
+
+    with Link(LinkSettings(connect=(endpoint,)), name="boxes") as link:
+        thread = threading.Thread(target=lambda: feed(link, until_stopped()))
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
 
 
 def main() -> None:

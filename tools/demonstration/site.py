@@ -27,9 +27,9 @@ class Ports:
     status: int
 
 
-def free_tcp_port() -> int:
-    """A TCP port nobody listens on at the moment."""
-    with socket.socket() as probe:
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    """A port of 127.0.0.1 that nobody has at the moment."""
+    with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 

@@ -4,10 +4,8 @@ import hashlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 import urllib.error
 import urllib.request
@@ -19,22 +17,14 @@ from typing import Any, Final
 import tomli_w
 
 from calib.station.memory import Keeper
-from edge.link import Link
-from edge.link_profile import LinkSettings
-from tools.bench.station_feed import feed
-from tools.bench.station_messages import SITE, Sent, messages
+from tools.bench.station_feed import boxes
+from tools.bench.station_messages import SITE
 from tools.bench.station_scenes import ORIGIN, Scene, Spec, make
+from tools.demonstration.site import free_port
 
 ROOT: Final = Path(__file__).parents[2]
 SPEC: Final = Spec(cameras=3, uavs=1, rate_hz=15.0, duration_s=120.0)
 STARTS_WITHIN_S: Final = 60.0  # on a busy machine
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of 127.0.0.1 that nobody has."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def key_of(passphrase: str) -> bytes:
@@ -119,20 +109,5 @@ class Base:
     def boxes(self) -> Iterator[Scene]:
         """Boxes that say what the scene's cameras see, in real time, for up to two minutes."""
         scene = make(SPEC)
-        ready = list(messages(scene))
-        stop = threading.Event()
-
-        def until_stopped() -> Iterator[Sent]:
-            for message in ready:
-                if stop.is_set():
-                    return
-                yield message
-
-        with Link(LinkSettings(connect=(self.zenoh,)), name="boxes") as link:
-            thread = threading.Thread(target=lambda: feed(link, until_stopped()))
-            thread.start()
-            try:
-                yield scene
-            finally:
-                stop.set()
-                thread.join()
+        with boxes(scene, self.zenoh):
+            yield scene
