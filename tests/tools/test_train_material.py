@@ -14,7 +14,17 @@ from tools.scoring.detections import Boxes
 from tools.train.backdrops import foliage, sky
 from tools.train.camera import code_differences
 from tools.train.compose import CROP_PX, MAX_BOXES, Composer, Mix, crop
-from tools.train.footage import Material, clip_class, first_number, read_clip, read_labels, read_split
+from tools.train.footage import (
+    SMALLEST_PX,
+    Loose,
+    Material,
+    clip_class,
+    first_number,
+    read_clip,
+    read_labels,
+    read_split,
+    take,
+)
 from tools.train.paste import Look, Pose, lay
 from tools.train.patches import UNKNOWN_CLASS, Box, Cutout, Patch, flies, lift
 from tools.train.rendered import FIRST_TEST_SEED, render_material, scene, stacks
@@ -40,6 +50,18 @@ def test_a_cutout_is_centred_to_a_fraction_of_a_pixel(u: float, v: float) -> Non
     assert cutout.frame_px == pytest.approx((u, v), abs=0.1)
     # The spot falls below the sky's scatter at about 2.2 sigma either side.
     assert 5 < cutout.size_px[0] < 12
+
+
+def test_a_patch_is_scaled_by_the_object_and_not_by_its_loose_label() -> None:
+    frame = blob(200.3, 150.6, 1.0, (300, 400))
+    label = (180.0, 130.0, 40.0, 40.0)  # six times as wide as what it holds
+    material = Material()
+    for seed in range(40):
+        take(material, [frame] * 3, [Loose((label,) * 3, 0)], np.random.default_rng(seed))
+    widths = [patch.boxes[0].width_px for patch in material.patches]
+    assert len(widths) == 40
+    assert min(widths) > 0.9 * SMALLEST_PX  # a tenth for the rounding of the patch's side
+    assert min(widths) < 0.8 * max(widths)
 
 
 def test_nothing_is_lifted_where_there_is_nothing_or_no_plain_sky() -> None:

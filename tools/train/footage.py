@@ -24,8 +24,8 @@ from tools.train.patches import STACK_OFFSETS_S, Box, Cutout, Grey, Patch, lift
 
 PATCH_PX: Final = 160  # a 96 px crop and room to shift and zoom it
 EVERY: Final = 6  # frames between two samples of a clip: 0.2 s, after which an object has moved on
-LARGEST_PX: Final = 90  # loose width; larger objects are scaled down to this at the least
-SMALLEST_PX: Final = 6  # loose width; below it nothing of the object is left
+LARGEST_PX: Final = 45.0  # of an object's longer side; larger ones are scaled down to this at the least
+SMALLEST_PX: Final = 3.0  # of an object's longer side; below it nothing of the object is left
 LIFTED_EXACT: Final = 0.15  # weight of a measured centre: its own error would be learned as the net's sigma
 REAL_TELLING: Final = 0.4  # weight of the class of an object before the field it was filmed in
 BACKGROUND_PX: Final = 104  # an 80 px crop zoomed out; larger ones at a third of the scale would hold the object
@@ -146,10 +146,10 @@ def take(material: Material, stack: list[Grey], objects: list[Loose], random: np
         if thing.boxes[0] is not None:
             tight.append((thing, tighten(thing.boxes[0], cutouts[0], stack[0], thing.label)))
     boxes = [box for _, box in tight if box is not None]
-    for thing, box in tight:
-        if box is not None and thing.boxes[0] is not None:
+    for _, box in tight:
+        if box is not None:
             others = [other for other in boxes if other is not box]
-            material.patches.append(_patch(stack, box, others, thing.boxes[0][2], random))
+            material.patches.append(_patch(stack, box, others, random))
     for lowest_of in BACKGROUNDS:
         loose = [thing.boxes[0] for thing in objects if thing.boxes[0] is not None]
         background = _background(stack, loose, lowest_of, random)
@@ -170,9 +170,13 @@ def tighten(loose: tuple[float, float, float, float], cutout: Cutout | None, fra
     return Box(*cutout.frame_px, *cutout.size_px, label, exact=LIFTED_EXACT, telling=REAL_TELLING)
 
 
-def _patch(stack: list[Grey], box: Box, others: list[Box], loose_width_px: float, random: np.random.Generator) -> Patch:
-    """A PATCH_PX patch round a box, at a random scale that leaves the object between SMALLEST and LARGEST."""
-    smallest, largest = min(SMALLEST_PX / loose_width_px, 1.0), min(LARGEST_PX / loose_width_px, 1.0)
+def _patch(stack: list[Grey], box: Box, others: list[Box], random: np.random.Generator) -> Patch:
+    """A PATCH_PX patch round a box, at a random scale that leaves the object between SMALLEST and LARGEST.
+
+    The object as measured, not as labelled: some labels are three times as wide as what they hold.
+    """
+    longest_px = max(box.width_px, box.height_px)
+    smallest, largest = min(SMALLEST_PX / longest_px, 1.0), min(LARGEST_PX / longest_px, 1.0)
     scale = float(np.exp(random.uniform(np.log(smallest), np.log(largest)))) if random.random() < 0.75 else largest
     span = min(round(PATCH_PX / scale), stack[0].shape[0])
     offset = random.uniform(-0.2, 0.2, 2) * span
