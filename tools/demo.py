@@ -20,14 +20,13 @@ from types import FrameType
 from typing import Any, Final
 
 import msgspec
-import numpy as np
 
 from edge.errors import SkyfixError
 from tools.demonstration import picture, site
 from tools.demonstration.listener import Listener
 from tools.demonstration.processes import Program, Programs
 from tools.demonstration.receivers import Receivers
-from tools.demonstration.score import PASS_M, Score, errors_m, score
+from tools.demonstration.score import PASS_M, Score, errors_m, followed_m, score
 from tools.demonstration.screen import Screen, View
 from tools.render import render
 from tools.scenes.description import Simulation, load
@@ -139,9 +138,9 @@ def _watch(running: Site, programs: Programs, boxes: list[Program]) -> None:
             raise SkyfixError("did not end with its video", where=names, action="see its log in the log folder")
         positions = running.listener.positions
         error = errors_m(positions, running.watched.flights, running.start_unix_ns, running.scene.origin)
-        nearest = error.min(axis=1, initial=np.inf)
+        followed = followed_m(positions, error)
         status = _status(running.ports.status)
-        screen.show(View(running.elapsed_s, duration_s, status, positions, nearest, time.time_ns()))
+        screen.show(View(running.elapsed_s, duration_s, status, positions, followed, time.time_ns()))
         time.sleep(REFRESH_S)
 
 

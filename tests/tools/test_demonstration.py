@@ -27,7 +27,7 @@ from tools.demonstration import site
 from tools.demonstration.listener import Listener, Position
 from tools.demonstration.processes import Programs
 from tools.demonstration.receivers import UNDULATION_M, Receivers, epoch
-from tools.demonstration.score import score
+from tools.demonstration.score import errors_m, followed_m, score
 from tools.demonstration.screen import Screen, View
 from tools.scenes.description import Object, load
 from tools.scenes.flight import Flight, flight
@@ -122,6 +122,16 @@ def positions(path: Flight, off_enu: tuple[float, float, float], track: int, *, 
         Position(t + 30_000_000, t, 0, (x, y, z), track, 2, 3)
         for t, (x, y, z) in zip(times, ecef.tolist(), strict=True)
     ]
+
+
+def test_a_target_whose_object_has_landed_is_not_measured_against_another(flights: list[Flight]) -> None:
+    heard = positions(flights[1], (0.1, 0, 0), 2)
+    late = [heard[-1]._replace(time_ns=START + 7 * 10**9)]  # the bird landed after 5 s, the drone flies on
+    error = errors_m(heard + late, flights, START, ORIGIN)
+    found = followed_m(heard + late, error)
+    assert found[:-1] == pytest.approx(0.1, abs=1e-6)
+    assert error[-1].min() > 40
+    assert np.isinf(found[-1])
 
 
 def test_each_track_counts_for_the_object_it_follows(flights: list[Flight]) -> None:

@@ -71,6 +71,22 @@ def score(positions: Sequence[Position], flights: Sequence[Flight], start_unix_n
     return Score(tuple(scores), nobodys, _latency_ms(positions))
 
 
+def followed_m(positions: Sequence[Position], error: Array) -> Array:
+    """(N,) distance of each position from the object its track follows; from the nearest one where it follows none.
+
+    error: (N, objects) m, of `errors_m`. A track whose object has landed is infinitely far from it, however near
+    another flies.
+    """
+    track = np.array([position.track for position in positions], int)
+    found = error.min(axis=1, initial=np.inf)
+    for number in np.unique(track).tolist():
+        rows = track == number
+        owner = _owner(error[rows])
+        if owner is not None:
+            found[rows] = error[rows, owner]
+    return found
+
+
 def _owner(error: Array) -> int | None:
     """The object a track follows, from its errors (N, objects); None if it is near none."""
     # A bird that has landed counts as far away, not as unknown.

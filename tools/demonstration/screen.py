@@ -24,7 +24,7 @@ RECENT_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True)
 class View:
-    """All that is shown at one instant. errors_m: of `positions`, to the nearest object."""
+    """All that is shown at one instant. errors_m: of `positions`, to the object each follows."""
 
     elapsed_s: float
     duration_s: float
