@@ -78,7 +78,7 @@ def followed_m(positions: Sequence[Position], error: Array) -> Array:
     another flies.
     """
     track = np.array([position.track for position in positions], int)
-    found = error.min(axis=1, initial=np.inf)
+    found: Array = error.min(axis=1, initial=np.inf)
     for number in np.unique(track).tolist():
         rows = track == number
         owner = _owner(error[rows])
