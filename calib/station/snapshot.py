@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from edge import __version__
 if TYPE_CHECKING:
     from calib.station.runner import Runner
 
+UPPER: Final = np.triu_indices(3)  # of a covariance, as it is published
+
 
 def snapshot(runner: Runner, now_ns: int) -> StationStatus:
     """How everything is at now_ns."""
@@ -24,7 +27,6 @@ def snapshot(runner: Runner, now_ns: int) -> StationStatus:
     network, report = station.calibration.network, station.calibration.report
     now_unix_ns = station.now_unix_ns(now_ns)
     assert station.health is not None
-    latencies = list(runner.latencies_ms)
     standing = station.standing
     return StationStatus(
         site=runner.config.site.name,
@@ -50,9 +52,9 @@ def snapshot(runner: Runner, now_ns: int) -> StationStatus:
             )
             for pair in station.calibration.pairs(station.window)
         ],
-        targets=[_target(t, network.origin) for t in station.current(now_unix_ns)] if network is not None else [],
+        targets=[] if network is None else _targets(station.current(now_unix_ns), network.origin),
         tentative=0 if station.tracker is None else station.tracker.tentative,
-        latency_ms=(float(np.median(latencies)), float(np.percentile(latencies, 99))) if latencies else None,
+        latency_ms=_median_and_late(runner.latencies_ms),
         endpoints=runner.broadcast.status,
         recording=_recording(runner),
         recording_folder=None if runner.recordings is None else str(runner.recordings),
@@ -87,24 +89,36 @@ def _camera(runner: Runner, box: CameraIntake, now_ns: int) -> CameraStatus:
     )
 
 
-def _target(target: Outgoing, origin: Origin) -> TargetStatus:
-    latitude, longitude, height = enu_to_geodetic(target.position_enu[None], origin)[0].tolist()
+def _targets(targets: list[Outgoing], origin: Origin) -> list[TargetStatus]:
+    positions_enu = np.array([target.position_enu for target in targets]).reshape(-1, 3)
+    places = enu_to_geodetic(positions_enu, origin).tolist()
+    return [_target(target, _triple(place)) for target, place in zip(targets, places, strict=True)]
+
+
+def _target(target: Outgoing, geodetic: tuple[float, float, float]) -> TargetStatus:
     return TargetStatus(
         track=target.track,
         state=target.state.value,
         enu_m=_triple(target.position_enu),
         velocity_enu_m_s=_triple(target.velocity_enu),
-        covariance_enu_m2=tuple(target.position_covariance_enu[np.triu_indices(3)].tolist()),
-        geodetic=(latitude, longitude, height),
+        covariance_enu_m2=tuple(target.position_covariance_enu[UPPER].tolist()),
+        geodetic=geodetic,
         cameras=list(target.cameras),
         age_s=target.age_s,
         sigma_m=target.sigma_m,
     )
 
 
-def _triple(vector: np.ndarray) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
+def _triple(vector: np.ndarray | Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = map(float, vector)
     return x, y, z
+
+
+def _median_and_late(latencies_ms: Collection[float]) -> tuple[float, float] | None:
+    if not latencies_ms:
+        return None
+    median, late = np.percentile(np.fromiter(latencies_ms, float), (50, 99))
+    return float(median), float(late)
 
 
 def _recording(runner: Runner) -> str | None:
