@@ -24,15 +24,17 @@ def suppress(
     Only the MAX_CANDIDATES best are looked at.
     """
     order = np.argsort(-score, kind="stable")[:MAX_CANDIDATES]
-    low, high = centre_px - size_px / 2, centre_px + size_px / 2
-    area = np.prod(size_px, axis=1)
-    keep: list[int] = []
-    while order.size:
-        best, rest = order[0], order[1:]
-        keep.append(int(best))
-        overlap = np.minimum(high[best], high[rest]) - np.maximum(low[best], low[rest])
-        shared = np.prod(np.maximum(overlap, 0.0), axis=1)
-        union = area[best] + area[rest] - shared
-        same = np.full(rest.shape, True) if group is None else group[rest] == group[best]
-        order = rest[~(same & (shared > iou_max * np.maximum(union, 1e-12)))]
-    return np.array(keep, dtype=np.intp)
+    low, high = (centre_px - size_px / 2)[order], (centre_px + size_px / 2)[order]
+    area = np.prod(size_px[order], axis=1)
+    overlap = np.maximum(np.minimum(high[:, None], high) - np.maximum(low[:, None], low), 0.0)
+    shared = overlap[..., 0] * overlap[..., 1]
+    union = area[:, None] + area - shared
+    rivals = shared > iou_max * np.maximum(union, 1e-12)
+    if group is not None:
+        rivals &= group[order, None] == group[order]
+    left = np.full(order.shape, True)
+    for k in range(len(order)):
+        if left[k]:
+            left[k + 1 :] &= ~rivals[k, k + 1 :]
+    kept: NDArray[np.intp] = order[left]
+    return kept
