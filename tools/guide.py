@@ -22,9 +22,9 @@ from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, 
 import msgspec
 import numpy as np
 
+from calib.adjustment.projection import CAMERA_SIZE, CENTRE, ROTATION
 from calib.network import Camera
-from calib.prediction import predict
-from calib.projection import CAMERA_SIZE, CENTRE, ROTATION
+from calib.solving.prediction import predict
 from calib.station.config import BaseConfig
 from edge.config import BoxConfig
 from edge.lens import Array, LensModel

@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 
-from calib.continuity import in_time_of
+from calib.adjustment.priors import trusted_clocks
 from calib.network import POSE_SIZE, Network
 from calib.observations import Scene, SiteCamera
-from calib.priors import trusted_clocks
+from calib.solving.continuity import in_time_of
 from calib.station.config import MIN_CAMERAS, CalibrationSection
 from calib.station.window import Window
 from calib.station.worker import Done, Job, Solved

@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from calib.monitor import DISCIPLINED_S, Guard
+from calib.guarding.monitor import DISCIPLINED_S, Guard
 from calib.network import Camera, Network
 from calib.observations import SiteCamera
 from calib.station.calibration import Calibration, Phase, Standing
@@ -27,8 +27,8 @@ from calib.station.outgoing import Border, Outgoing
 from calib.station.positions import Positions
 from calib.station.window import Window
 from calib.station.worker import Done, Job
-from calib.targets import State, Tracker, TrackerOptions
-from calib.tracklets import Limits
+from calib.tracking.targets import State, Tracker, TrackerOptions
+from calib.tracking.tracklets import Limits
 from edge.health import Check, HealthBoard
 from edge.lens import Array
 from edge.messages import Health, HealthLevel, NetworkCamera, NetworkMessage, Targets, camera_of_key

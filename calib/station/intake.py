@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.station.sequence import Sequence
 from calib.station.stream_clock import AHEAD_S, NS, StreamClock
-from calib.targets import Frame
+from calib.tracking.targets import Frame
 from edge.errors import LensError, MessageError
 from edge.health import Check
 from edge.lens import LensModel

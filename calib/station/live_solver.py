@@ -9,8 +9,8 @@ import numpy as np
 from calib.errors import CalibrationError
 from calib.network import Network
 from calib.observations import Scene
-from calib.solution import Solution
-from calib.solve import SolveOptions, solve
+from calib.solving.solution import Solution
+from calib.solving.solve import SolveOptions, solve
 from calib.station.report import write_report
 from calib.station.worker import Solved
 

@@ -19,7 +19,7 @@ from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.mavlink import COMPONENT_ECEF, COMPONENT_GCS, TrackerStatus, Voice
 from calib.station.mavlink_codec import Codec, Streams
 from calib.station.outgoing import Outgoing
-from calib.targets import State
+from calib.tracking.targets import State
 
 LOST_REPEATS: Final = 3  # UDP loses one in a hundred, hardly three in a row
 LOST_SPACING_NS: Final = 200_000_000

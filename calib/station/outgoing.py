@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from calib.geodesy import Origin, R_ecef_enu, enu_to_ecef
-from calib.targets import Estimate, State
+from calib.tracking.targets import Estimate, State
 from edge.lens import Array
 from edge.messages import Target
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from calib import network
 from calib.observations import Observations, Scene
-from calib.solution import Solution
-from calib.solve import SolveOptions, solve
+from calib.solving.solution import Solution
+from calib.solving.solve import SolveOptions, solve
 from calib.station import recorded, trackfolder
 from calib.station.report import write_report
 from edge.atomic import write_atomically

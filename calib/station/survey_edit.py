@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from calib.errors import CalibrationError
 from calib.geodesy import geodetic_to_enu
 from calib.network import POSE_SIZE, Network
+from calib.solving.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
 from calib.station.frames import frame_known
 from calib.station.survey_store import (
     CameraTable,
@@ -23,7 +24,6 @@ from calib.station.survey_store import (
     occupations_of,
 )
 from calib.survey import Closure, apart, loop_closure
-from calib.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
 from edge.errors import ConfigError
 from edge.lens import Array
 from edge.messages import Fix

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calib.geodesy import Origin, enu_to_ecef
 from calib.observations import Observations, Scene, SiteCamera
-from calib.solution import Trajectory
+from calib.solving.solution import Trajectory
 from calib.station import sitefile
 from edge.atomic import write_atomically
 from edge.errors import ConfigError

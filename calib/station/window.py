@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.observations import Observations
-from calib.targets import Frame
+from calib.tracking.targets import Frame
 from edge.lens import Array
 
 NS: Final = 10**9

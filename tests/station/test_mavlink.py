@@ -17,7 +17,7 @@ from calib.station.mavlink import TrackerStatus, Voice
 from calib.station.mavlink_codec import TICKS_PER_S, Codec, Streams, read_key, ticks
 from calib.station.mavlink_port import Port
 from calib.station.outgoing import Border, Outgoing
-from calib.targets import Estimate, State
+from calib.tracking.targets import Estimate, State
 from edge.errors import ConfigError
 
 ORIGIN = (47.4085, 8.5071, 580.0)

@@ -12,12 +12,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from calib.adjustment.projection import CAMERA_SIZE, CENTRE
 from calib.errors import CalibrationError
 from calib.network import Camera
-from calib.prediction import directions, predict
-from calib.projection import CAMERA_SIZE, CENTRE
-from calib.solution import Solution
-from calib.solve import SolveOptions, solve
+from calib.solving.prediction import directions, predict
+from calib.solving.solution import Solution
+from calib.solving.solve import SolveOptions, solve
 from calib.station.report import HTML, JSON, Summary, summarise, write_report
 from calib.station.report.grade import GRADES, SIGMA_M, grade_of
 from edge.lens import Array, LensModel

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.observations import Scene
-from calib.solution import Solution
-from calib.solve import SolveOptions, solve
+from calib.solving.solution import Solution
+from calib.solving.solve import SolveOptions, solve
 from tools.scenes.description import Simulation
 from tools.scenes.simulation import Simulated, simulate
 

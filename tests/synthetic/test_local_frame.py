@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.similarity import fit_similarity, rms
+from calib.geometry.similarity import fit_similarity, rms
 from tests.calib.flights import site
 from tests.synthetic.solving import solved
 

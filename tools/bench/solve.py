@@ -1,7 +1,7 @@
 """The calibration's figures on real recordings and in simulation: `python -m tools.bench.solve [STUDY ...]`.
 
 Studies: recordings, windows, clocks, length, consistency (all by default). The recordings go through the real
-`base-station solve`, in a process whose CPU seconds and peak memory are its own; the rest calls calib.solve.
+`base-station solve`, in a process whose CPU seconds and peak memory are its own; the rest calls calib.solving.solve.
 """
 
 import argparse
@@ -22,8 +22,8 @@ from scipy import stats
 from calib.errors import CalibrationError
 from calib.network import from_toml
 from calib.observations import Observations, Scene
-from calib.solution import Solution
-from calib.solve import solve
+from calib.solving.solution import Solution
+from calib.solving.solve import solve
 from calib.station import trackfolder
 from calib.station.solving import restricted
 from edge.lens import Array

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.monitor import Finding, Guard
-from calib.targets import Frame
+from calib.guarding.monitor import Finding, Guard
+from calib.tracking.targets import Frame
 from tools.bench.station_scenes import T0_UNIX_NS, Scene, Spec, frames, make, perturbed
 
 CALL_NS = 100_000_000  # as the station's loop asks

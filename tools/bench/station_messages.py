@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from calib.geodesy import enu_to_geodetic
 from calib.network import Camera
-from calib.targets import Frame
+from calib.tracking.targets import Frame
 from edge.messages import Detection, Fix, Lens, Tracks, camera_key, encode
 from tools.bench.station_scenes import ORIGIN, T0_UNIX_NS, Scene, frames
 

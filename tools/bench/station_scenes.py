@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from calib.network import POSE_SIZE, Camera, Network
-from calib.targets import Frame
+from calib.tracking.targets import Frame
 from edge.lens import Array, LensModel
 
 T0_UNIX_NS: Final = 1_800_000_000 * 10**9

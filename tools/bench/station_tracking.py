@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
-from calib.targets import Estimate, State, Tracker
+from calib.tracking.targets import Estimate, State, Tracker
 from tools.bench.station_scenes import T0_UNIX_NS, Scene, Spec, frames, make, seen
 
 CUT_M = 10.0

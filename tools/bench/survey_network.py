@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from calib.survey_check import NetworkCheck, check_survey
+from calib.solving.survey_check import NetworkCheck, check_survey
 from edge.gnss.averaging import Array
 
 SIGMA_RAY: Final = 1.0 / 1500.0  # a pixel at 1500 px focal length

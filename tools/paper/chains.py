@@ -3,7 +3,7 @@
 The classical chain is the published one: the essential matrix of the first two cameras from eight points or more by
 SVD, the pose with most points in front of both, triangulation by SVD, the third camera by EPnP, and a similarity to
 the surveyed positions. Each step takes the one before as exact, which is where its metres come from. Ours starts the
-same way and then adjusts everything together (calib.solve).
+same way and then adjusts everything together (calib.solving.solve).
 """
 
 from typing import Final
@@ -11,10 +11,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from calib.geometry.similarity import fit_similarity
+from calib.geometry.twoview import decompose, depths, essential_by_svd, triangulate
 from calib.observations import Scene
-from calib.similarity import fit_similarity
-from calib.solve import SolveOptions, solve
-from calib.twoview import decompose, depths, essential_by_svd, triangulate
+from calib.solving.solve import SolveOptions, solve
 from edge.lens import Array, pixel_to_ray
 from tools.paper.study import INTERVAL_S, SAMPLES, seen
 

@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from calib.solution import Solution
+from calib.solving.solution import Solution
 from calib.station.report import figures, grade, html
 from calib.station.report.summary import (
     DISTANCES_M,

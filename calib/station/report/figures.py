@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.network import Camera
-from calib.solution import Solution, Trajectory
+from calib.solving.solution import Solution, Trajectory
 from calib.station.report.drawing import FAINT, INK, colour, draw
 from calib.station.report.summary import evidence_of, predict_around
 from edge.lens import Array, pixel_to_ray

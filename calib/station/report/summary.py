@@ -10,9 +10,9 @@ import msgspec
 import numpy as np
 
 from calib.errors import CalibrationError
-from calib.evidence import Evidence, HeldOut
-from calib.prediction import Prediction, directions, middle, predict
-from calib.solution import CameraReport, Solution
+from calib.solving.evidence import Evidence, HeldOut
+from calib.solving.prediction import Prediction, directions, middle, predict
+from calib.solving.solution import CameraReport, Solution
 from edge.lens import Array
 
 FORMAT: Final = 1  # of report.json; raised when a field changes its meaning

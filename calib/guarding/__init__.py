@@ -1,0 +1,1 @@
+"""Whether a network in force is still true: what raw rays say of each camera."""

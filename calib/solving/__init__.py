@@ -1,0 +1,1 @@
+"""From recorded tracks to a network: the four steps of a calibration, and what is told of its result."""

@@ -1,0 +1,150 @@
+"""The four steps, one call: scaffold, resect, georeference, refine.
+
+The hazard is a calibration that fails without saying why. Each step may refuse with a reason and a next action; a
+camera that does not fit is left out, named, and tried again once the others are refined, because a lens or a clock that
+is two per cent off looks hopeless before.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from calib.adjustment.uncertainty import camera_covariance
+from calib.errors import CalibrationError
+from calib.network import Network
+from calib.observations import Scene
+from calib.solving.beginning import from_network, from_scaffold
+from calib.solving.clocks import NEAR_S
+from calib.solving.evidence import gather
+from calib.solving.findings import findings
+from calib.solving.material import Material, prepare
+from calib.solving.refine import Refined, refine
+from calib.solving.rejoin import rejoin
+from calib.solving.solution import (
+    Report,
+    Solution,
+    Trajectory,
+    camera_reports,
+    network_of,
+    rms_px,
+    trajectory_of,
+    weakest,
+)
+
+KNOTS_S: Final = 0.5  # between knots: a UAV's acceleration changes in about that time
+
+ABSURD_SHARE: Final = 0.3  # of the distance, one sigma: a solution that open is none
+FLY_WIDER: Final = "fly a path with more width and height that at least three cameras see together"
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How to solve.
+
+    local: no survey, a frame of its own with the scaffold's baseline as unit. evidence: gather what the report shows
+    besides, which costs about as much as solving. clock_search_s: how far clocks may be off; a camera that aligns
+    nowhere within it is searched for within two minutes. knots_s: of the flight's spline.
+    """
+
+    local: bool = False
+    evidence: bool = False
+    clock_search_s: float = NEAR_S
+    knots_s: float = KNOTS_S
+
+
+DEFAULTS: Final = SolveOptions()
+
+
+def solve(scene: Scene, options: SolveOptions = DEFAULTS, start: Network | None = None) -> Solution:
+    """Calibrate a scene.
+
+    start: a network to begin with, instead of a scaffold. Raises CalibrationError, with what to do, if the
+    observations or the survey do not determine the network.
+    """
+    lenses = {camera.id: camera.lens for camera in start.cameras} if start else None
+    material = prepare(scene, local=options.local, lenses=lenses)
+    if start:
+        beginning = from_network(material, start)
+    else:
+        beginning = from_scaffold(material, local=options.local, clock_search_s=options.clock_search_s)
+    refined = refine(material, beginning, options.knots_s)
+    refined = _with_late_comers(material, refined, options)
+    return _answer(material, refined, options)
+
+
+def _with_late_comers(material: Material, refined: Refined, options: SolveOptions) -> Refined:
+    """Cameras that were left out or taken out, each tried once against the refined flight.
+
+    One that comes back has a pose of its own, so what was said against its position for the old one is forgotten.
+    """
+    tried: set[str] = set()
+    while True:
+        objects = dict(refined.beginning.objects)
+        untried = {name: own for name, own in material.tracks.items() if name not in tried}
+        back = rejoin(refined.adjusted.estimate, untried, material.sites, objects)
+        if not back:
+            return refined
+        names = {camera.id for camera in back}
+        tried |= names
+        beginning = replace(
+            refined.beginning,
+            cameras=tuple(sorted((*refined.adjusted.estimate.cameras, *back), key=lambda camera: camera.id)),
+            objects=objects,
+            disbelieved={name: why for name, why in refined.beginning.disbelieved.items() if name not in names},
+        )
+        again = refine(material, beginning, options.knots_s)
+        refined = replace(again, left_out={**refined.left_out, **again.left_out})
+
+
+def _answer(material: Material, refined: Refined, options: SolveOptions) -> Solution:
+    adjusted, problem, scene = refined.adjusted, refined.problem, material.scene
+    network = network_of(adjusted, problem, scene.site, scene.origin, material.t_mid_unix_ns)
+    trajectory = trajectory_of(adjusted, problem, material.t_mid_unix_ns)
+    _refuse_absurd(network, trajectory)
+    return Solution(network, trajectory, _report(material, refined, evidence=options.evidence))
+
+
+def _refuse_absurd(network: Network, trajectory: Trajectory) -> None:
+    """Raises CalibrationError for a network that says itself that it knows nothing."""
+    if len(trajectory.points_enu) == 0:
+        raise CalibrationError("no two cameras see the object at once", where=network.site, action=FLY_WIDER)
+    sigma = np.sqrt(np.trace(trajectory.covariance_enu, axis1=1, axis2=2))
+    middle = np.mean([camera.centre_enu for camera in network.cameras], axis=0)
+    share = float(np.median(sigma / np.linalg.norm(trajectory.points_enu - middle, axis=1)))
+    if not share < ABSURD_SHARE:
+        raise CalibrationError(
+            f"the flight does not determine the network: positions are open by {100 * share:.0f} % of the distance",
+            where=network.site,
+            action=FLY_WIDER,
+        )
+
+
+def _report(material: Material, refined: Refined, *, evidence: bool) -> Report:
+    adjusted, problem = refined.adjusted, refined.problem
+    surveyed = {name: site.position_enu for name, site in material.sites.items() if site.position_enu is not None}
+    cameras = camera_reports(adjusted, problem, surveyed, {name: site.lens for name, site in material.sites.items()})
+    misfits = np.array([camera.survey_misfit_m for camera in cameras if camera.survey_misfit_m is not None])
+    name, sigma, direction = weakest(adjusted, problem)
+    return Report(
+        cameras=cameras,
+        left_out=_left_out(material, refined, {camera.id for camera in cameras}),
+        findings=(*dict.fromkeys(refined.beginning.disbelieved.values()), *findings(cameras, material.sites)),
+        rms_px=rms_px(adjusted, problem),
+        survey_rms_m=float(np.sqrt((misfits**2).sum(1).mean())) if len(misfits) else None,
+        rounds=adjusted.rounds,
+        flight_s=float((adjusted.estimate.flight.end_s - adjusted.estimate.flight.start_s).sum()),
+        jerk_density=adjusted.weights.jerk_density,
+        weakest_camera=name,
+        weakest_sigma_m=sigma,
+        weakest_direction_enu=direction,
+        evidence=gather(adjusted, problem, camera_covariance(adjusted, problem)) if evidence else None,
+    )
+
+
+def _left_out(material: Material, refined: Refined, present: set[str]) -> tuple[tuple[str, str], ...]:
+    """Every camera of the site that is not in the network, and why."""
+    unfit = "no pose explains its track: check its clock, its lens file and what it detects"
+    reasons = {name: unfit for name in material.sites if name not in present}
+    reasons |= {name: why for name, why in {**material.left_out, **refined.left_out}.items() if name in reasons}
+    return tuple(sorted(reasons.items()))

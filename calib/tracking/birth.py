@@ -1,0 +1,99 @@
+"""New targets from rays that no known target explains.
+
+The hazard is the ghost. Rays of two different objects meet somewhere too, and with twenty objects in the air hundreds
+of pairs of rays meet at any instant. A ghost gives itself away by the third camera, which sees nothing there, and by
+time: two objects seldom move so that their rays go on meeting. So rays are first gathered to short tracks per camera,
+pairs of tracks must meet at both ends of their common time, what most cameras support comes first, each track serves
+one newborn only, and a newborn is no more than a tentative target.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.network import Network
+from calib.tracking.motion import Singer
+from calib.tracking.tracklets import SIGMA_FLOOR_M, Limits, Newborn, Tracklet, bearing_sigma, straight_flight
+from edge.lens import Array
+
+WINDOW_S: Final = 0.8  # s of rays looked at: a flight is nearly straight for so long
+MEET_SIGMA: Final = 4.0  # one sigma of two rays' distance, that they may miss each other by
+MAX_BIRTHS: Final = 8  # a scan: the rest come a tenth of a second later, and the loop never waits
+
+
+def births(found: list[Tracklet], network: Network, motion: Singer, limits: Limits, now_s: float) -> list[Newborn]:
+    """Newborn targets from tracklets, best supported first."""
+    if len({tracklet.camera for tracklet in found}) < 2:
+        return []
+    scan = _Scan(found, network, limits, now_s - WINDOW_S / 2)
+    newborn: list[Newborn] = []
+    used: set[int] = set()
+    for members in scan.candidates():
+        if used.isdisjoint(members[:2]) and len(newborn) < MAX_BIRTHS:
+            free = [member for member in members if member not in used]
+            born = straight_flight([found[k] for k in free], network, motion, limits)
+            if born is not None:
+                newborn.append(born)
+                used.update(free)
+    return newborn
+
+
+class _Scan:
+    """All pairs of tracklets at two instants, and which further tracklets support each pair."""
+
+    def __init__(self, found: list[Tracklet], network: Network, limits: Limits, t_s: float) -> None:
+        self._found, self._limits = found, limits
+        self._camera = np.array([tracklet.camera for tracklet in found])
+        self._centre = np.array([network.cameras[c].centre_enu for c in self._camera])
+        self._sigma = np.array([bearing_sigma(tracklet, network) for tracklet in found])
+        early, late = t_s - WINDOW_S / 4, t_s + WINDOW_S / 4
+        self._early = np.array([tracklet.at(early) for tracklet in found])
+        self._late = np.array([tracklet.at(late) for tracklet in found])
+
+    def candidates(self) -> list[list[int]]:
+        """Sets of tracklets that may be one object: a pair that meets, and its supporters; best first."""
+        first, second = np.nonzero(self._camera[:, None] < self._camera[None, :])
+        miss_early, point_early = self._meet(first, second, self._early)
+        miss_late, point_late = self._meet(first, second, self._late)
+        speed = np.linalg.norm(point_late - point_early, axis=1) / (WINDOW_S / 2)
+        miss = np.hypot(miss_early, miss_late)
+        good = (miss_early < MEET_SIGMA) & (miss_late < MEET_SIGMA) & (speed < 2 * self._limits.max_speed_m_s)
+        pairs = np.nonzero(good)[0]
+        sets = [self._with_support(first[k], second[k], point_early[k], point_late[k]) for k in pairs]
+        order = sorted(range(len(pairs)), key=lambda k: (-len(sets[k]), miss[pairs[k]]))
+        return [sets[k] for k in order]
+
+    def _meet(self, first: NDArray[np.int64], second: NDArray[np.int64], bearings: Array) -> tuple[Array, Array]:
+        """By how many sigma pairs of rays miss each other (inf where they do not meet), and where they meet."""
+        a, b = bearings[first], bearings[second]
+        base = self._centre[second] - self._centre[first]
+        cosine = np.einsum("ni,ni->n", a, b)
+        along_a, along_b = np.einsum("ni,ni->n", a, base), np.einsum("ni,ni->n", b, base)
+        sine2 = np.maximum(1 - cosine**2, 1e-9)
+        range_a = (along_a - cosine * along_b) / sine2
+        range_b = (cosine * along_a - along_b) / sine2
+        on_a = self._centre[first] + range_a[:, None] * a
+        on_b = self._centre[second] + range_b[:, None] * b
+        sigma = np.sqrt((self._sigma[first] * range_a) ** 2 + (self._sigma[second] * range_b) ** 2 + SIGMA_FLOOR_M**2)
+        nearest, farthest = np.minimum(range_a, range_b), np.maximum(range_a, range_b)
+        possible = (nearest > self._limits.min_range_m) & (farthest < self._limits.max_range_m) & (sine2 > 1e-4)
+        miss = np.linalg.norm(on_a - on_b, axis=1) / sigma
+        return np.where(possible, miss, np.inf), (on_a + on_b) / 2
+
+    def _with_support(self, first: int, second: int, early: Array, late: Array) -> list[int]:
+        """The pair and, from every other camera, the tracklet that comes nearest, if near enough."""
+        off = np.zeros(len(self._found))
+        for point, bearings in ((early, self._early), (late, self._late)):
+            towards = point - self._centre
+            range_m = np.linalg.norm(towards, axis=1)
+            angle = np.linalg.norm(towards / range_m[:, None] - bearings, axis=1)
+            # The pair's own point is uncertain by about as much as a ray of the pair at its range.
+            slack = np.hypot(self._sigma, 2 * SIGMA_FLOOR_M / range_m) * 3
+            off = np.maximum(off, angle / slack)
+        off[(self._camera == self._camera[first]) | (self._camera == self._camera[second])] = np.inf
+        members = [int(first), int(second)]
+        for camera in np.unique(self._camera[off < MEET_SIGMA]):
+            of_camera = np.nonzero(self._camera == camera)[0]
+            members.append(int(of_camera[np.argmin(off[of_camera])]))
+        return members

@@ -1,0 +1,329 @@
+"""Targets from rays: which detection is which object, and where each object is, with a true covariance.
+
+A measurement is one camera's pixel at that pixel's own exposure time: nothing is interpolated and no two cameras need
+fire together. The hazards are two. A target that is not there: so newborns stay tentative until two cameras have seen
+them for a while and no camera that should see them denies them. And a target that is not where it is said to be: so a
+target nobody has seen for a while coasts, with a covariance that grows, and is then declared lost, once and for all.
+
+Time here is site time: seconds since the network's own epoch. The caller says what "now" is.
+"""
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.network import Network
+from calib.sighting import View
+from calib.tracking.association import GATE, assign
+from calib.tracking.belief import Beliefs, Evidence
+from calib.tracking.birth import WINDOW_S, births
+from calib.tracking.filterbank import Expected, FilterBank, Look, Rays
+from calib.tracking.motion import Singer
+from calib.tracking.pixelbias import with_bias
+from calib.tracking.tracklets import Limits, LooseRay, Newborn, tracklets
+from edge.lens import Array
+
+SCAN_S: Final = 0.1  # s between searches for newborns
+LOOSE_RAYS: Final = 4000  # kept at most; a detector in flood must not slow the loop
+COASTS_AFTER_S: Final = 0.5  # s without a measurement: several frames of the slowest camera
+EDGE_PX: Final = 12.0  # a target so near the image's edge may be half outside: not seeing it proves nothing
+SAME_LABEL_BONUS: Final = 4.0  # squared sigma: what a camera's own track number is worth where two targets cross
+DETECTED: Final = 0.8  # how often a camera that sees a target reports it
+CLUTTER_A_FRAME: Final = 1.0
+MISSED: Final = math.log(1 - DETECTED)  # log-likelihood that a target that is there is not reported
+TENTATIVE_S: Final = 1.5  # s a tentative target may go unseen
+TWIN_SIGMA2: Final = 12.0  # squared normalised distance within which two targets are one object, 3 degrees of freedom
+
+
+class State(StrEnum):
+    """The life of a target."""
+
+    TENTATIVE = "tentative"
+    CONFIRMED = "confirmed"
+    COASTING = "coasting"
+    LOST = "lost"
+
+
+@dataclass(frozen=True)
+class TrackerOptions:
+    """See the keys of the same names in the station's configuration."""
+
+    reorder_horizon_s: float = 0.5
+    coast_s: float = 2.5
+    max_sigma_m: float = 6.0  # of position, one sigma, largest axis: more is no use to anybody
+    motion: Singer = field(default_factory=Singer)
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Measurements of one camera in one frame: pixels (K, 2), label (K,) its own track numbers, sigma_px (K,)."""
+
+    camera: str
+    t_unix_ns: int
+    pixels: Array
+    label: NDArray[np.int64]
+    sigma_px: Array
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Where a target is. covariance: (6, 6) of position and velocity, ENU. age_s: since its last measurement."""
+
+    track: int
+    state: State
+    t_unix_ns: int
+    position_enu: Array
+    velocity_enu: Array
+    covariance: Array
+    cameras: tuple[str, ...]
+    age_s: float
+    quality: float
+
+
+class Tracker:
+    """All targets of a site. `observe` what comes, `advance` to now, read `estimates`; `exchange` the network."""
+
+    def __init__(self, network: Network, options: TrackerOptions | None = None, first_track: int = 1) -> None:
+        self._options = options or TrackerOptions()
+        self._bank = FilterBank(with_bias(network), self._options.motion)
+        self._beliefs = Beliefs(len(network.cameras))
+        self._loose: deque[LooseRay] = deque(maxlen=LOOSE_RAYS)
+        self._next_track = first_track
+        self._newest_s = -np.inf
+        self._scanned_s = -np.inf
+        self.counters: Counter[str] = Counter()
+        self._adopt(network)
+
+    def _adopt(self, network: Network) -> None:
+        self._network = network
+        self._views = [View.of(camera) for camera in network.cameras]
+        self._number = {camera.id: k for k, camera in enumerate(network.cameras)}
+
+    @property
+    def network(self) -> Network:
+        """The network in force."""
+        return self._network
+
+    @property
+    def newest_s(self) -> float:
+        """Site time of the newest frame; -inf before the first."""
+        return self._newest_s
+
+    @property
+    def next_track(self) -> int:
+        """The number the next target will get: to be kept across a restart."""
+        return self._next_track
+
+    def site_time_s(self, t_unix_ns: int) -> float:
+        """Site time of an instant of UTC."""
+        return (t_unix_ns - self.network.t_mid_unix_ns) * 1e-9
+
+    def exchange(self, network: Network) -> None:
+        """Go on with another network, without a jump."""
+        shift_s = (self.network.t_mid_unix_ns - network.t_mid_unix_ns) * 1e-9
+        kept = [self._number.get(camera.id, -1) for camera in network.cameras]
+        self._bank.exchange(with_bias(network))
+        self._beliefs.exchange(kept, shift_s)
+        self._newest_s += shift_s
+        self._scanned_s += shift_s
+        self._loose.clear()
+        self._adopt(network)
+
+    def observe(self, frame: Frame) -> list[int]:
+        """Take one frame; returns the numbers of the targets it moved."""
+        number = self._number.get(frame.camera)
+        if number is None:
+            self.counters["uncalibrated"] += 1
+            return []
+        camera = self.network.cameras[number]
+        height = camera.lens.size_px[1]
+        rows_s = camera.site_time_s(
+            np.full(len(frame.pixels) + 1, frame.t_unix_ns),
+            np.append(frame.pixels[:, 1], (height - 1) / 2),
+            self.network.t_mid_unix_ns,
+        )
+        t_s = float(rows_s[-1])
+        if t_s < self._newest_s - self._options.reorder_horizon_s:
+            self.counters["late"] += 1
+            return []
+        self._newest_s = max(self._newest_s, t_s)
+        rays = Rays(frame.pixels, rows_s[:-1] - t_s, frame.sigma_px)
+        taken, moved = self._associate(number, frame.label, rays, t_s)
+        for k in np.nonzero(~taken)[0]:
+            u, v = frame.pixels[k]
+            self._loose.append(
+                LooseRay(number, int(frame.label[k]), float(rows_s[k]), float(u), float(v), float(frame.sigma_px[k]))
+            )
+        return moved
+
+    def _associate(
+        self, number: int, label: NDArray[np.int64], rays: Rays, t_s: float
+    ) -> tuple[NDArray[np.bool_], list[int]]:
+        taken = np.zeros(len(rays.pixels), bool)
+        if not len(self._bank):
+            return taken, []
+        self._bank.watch(self._beliefs.watching(t_s))
+        prediction = self._bank.predict(t_s)
+        sighting = self._views[number].sight(prediction.state[:, :3])
+        expected = self._bank.expect(prediction, sighting, number)
+        pairs, odds = self._match(number, label, rays, expected)
+        which, detection = np.array([p[0] for p in pairs], int), np.array([p[1] for p in pairs], int)
+        due = sighting.valid & self._views[number].inside(sighting.pixels, EDGE_PX)
+        if pairs:
+            chosen = rays.chosen(detection)
+            look = Look(number, self._views[number], sighting.chosen(which), chosen)
+            distance2 = self._bank.update(prediction, which, look)
+            gain = odds[which, detection] - distance2 / 2
+            self._beliefs.hit(number, which, t_s, Evidence(label[detection], gain, distance2))
+            taken[detection] = True
+            due[which] = False
+        self._beliefs.miss(number, np.nonzero(due)[0], MISSED)
+        return taken, [self._beliefs.track[k] for k in which]
+
+    def _odds(self, number: int, determinant: Array) -> Array:
+        """Log-likelihood ratio of a detection right where a target is expected, against clutter."""
+        width, height = self.network.cameras[number].lens.size_px
+        constant = math.log(DETECTED * width * height / CLUTTER_A_FRAME / (2 * math.pi))
+        odds: Array = constant - np.log(determinant) / 2
+        return odds
+
+    def _match(
+        self, number: int, label: NDArray[np.int64], rays: Rays, expected: Expected
+    ) -> tuple[list[tuple[int, int]], Array]:
+        """Pairs of target and detection, and the odds (N, K) of each against clutter.
+
+        Confirmed targets choose first; what they leave is the tentative ones'.
+        """
+        valid = expected.sighting.valid
+        if not len(label) or not valid.any():
+            return [], np.zeros((len(valid), len(label)))
+        S, drift = expected.covariance, expected.drift[:, None] * rays.after_s[None, :, None]
+        x, y = np.moveaxis(rays.pixels[None] - expected.sighting.pixels[:, None] - drift, 2, 0)
+        noise = rays.sigma_px[None] ** 2
+        a, b, d = S[:, 0, 0][:, None] + noise, S[:, 0, 1][:, None], S[:, 1, 1][:, None] + noise
+        determinant = a * d - b * b
+        distance2 = (d * x * x - 2 * b * x * y + a * y * y) / determinant
+        odds = self._odds(number, determinant)
+        worth = 2 * (odds - MISSED)
+        cost = np.where(valid[:, None] & (distance2 < GATE), distance2 - np.minimum(worth, GATE), 0.0)
+        same = (self._beliefs.label[:, number, None] == label[None]) & (label[None] > 0)
+        cost = np.where(same & (cost < 0), cost - SAME_LABEL_BONUS, cost)
+        confirmed = self._beliefs.confirmed
+        if confirmed.all() or not confirmed.any():
+            return assign(cost, 0.0), odds
+        first = assign(np.where(confirmed[:, None], cost, 0.0), 0.0)
+        cost[:, [k for _, k in first]] = 0.0
+        return first + assign(np.where(confirmed[:, None], 0.0, cost), 0.0), odds
+
+    def advance(self, now_s: float) -> list[Estimate]:
+        """Let time pass: births, confirmations, losses. Returns the last estimates of targets lost now."""
+        if now_s - self._scanned_s < SCAN_S:
+            return []
+        self._scanned_s = now_s
+        self._give_birth(now_s)
+        self._beliefs.confirm()
+        self._beliefs.doubt(now_s)
+        return self._bury(now_s)
+
+    def _give_birth(self, now_s: float) -> None:
+        while self._loose and self._loose[0].t_s < now_s - WINDOW_S:
+            self._loose.popleft()
+        if len(self._loose) < 2:
+            return
+        found = tracklets(self._loose, self._bank.network, now_s)
+        newborns = births(found, self._bank.network, self._options.motion, self._options.limits, now_s)
+        for newborn in newborns:
+            self._add(newborn)
+        used = {member for newborn in newborns for member in newborn.seen_by}
+        if used:
+            self._loose = deque((r for r in self._loose if (r.camera, r.label) not in used), maxlen=LOOSE_RAYS)
+
+    def _add(self, newborn: Newborn) -> None:
+        self._bank.add(newborn.state, newborn.covariance, newborn.with_poses, newborn.t_s)
+        self._beliefs.add(self._next_track, newborn.t_s, newborn.seen_by)
+        self._next_track += 1
+        self.counters["born"] += 1
+
+    def _bury(self, now_s: float) -> list[Estimate]:
+        silent_s = now_s - self._beliefs.last_s
+        sigma_m = np.sqrt(np.abs(np.linalg.eigvalsh(self._bank.covariance[:, :3, :3])[:, -1])) if len(self._bank) else 0
+        confirmed = self._beliefs.confirmed
+        dead = silent_s > np.where(confirmed, self._options.coast_s, TENTATIVE_S)
+        dead |= (sigma_m > self._options.max_sigma_m) | self._beliefs.denied
+        dead |= np.linalg.norm(self._bank.state[:, 3:6], axis=1) > 1.5 * self._options.limits.max_speed_m_s
+        dead |= self._twins()
+        if not dead.any():
+            return []
+        lost = [self._estimate(k, now_s, State.LOST) for k in np.nonzero(dead & confirmed)[0].tolist()]
+        self.counters["lost"] += len(lost)
+        self._bank.keep(~dead)
+        self._beliefs.keep(~dead)
+        return lost
+
+    def _twins(self) -> NDArray[np.bool_]:
+        """Targets that have become the same object as an older one."""
+        twin = np.zeros(len(self._bank), bool)
+        for k in range(1, len(self._bank)):
+            apart = self._bank.state[:k, :3] - self._bank.state[k, :3]
+            apart += self._bank.state[:k, 3:6] * (self._bank.t_s[k] - self._bank.t_s[:k])[:, None]
+            near = np.linalg.norm(apart, axis=1) < 10.0
+            for j in np.nonzero(near & ~twin[:k])[0]:
+                P = self._bank.covariance[j, :6, :6] + self._bank.covariance[k, :6, :6]
+                both = np.concatenate([apart[j], self._bank.state[j, 3:6] - self._bank.state[k, 3:6]])
+                twin[k] |= bool(both @ np.linalg.solve(P, both) < TWIN_SIGMA2 and self._beliefs.rivals(int(j), k))
+        return twin
+
+    def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[Estimate]:
+        """All targets that are confirmed (or those of `tracks`), each at the time of its last measurement."""
+        chosen = [
+            k
+            for k in np.nonzero(self._beliefs.confirmed)[0].tolist()
+            if tracks is None or self._beliefs.track[k] in tracks
+        ]
+        return [self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen]
+
+    def predicted(self, now_s: float) -> list[Estimate]:
+        """All targets that are confirmed, each moved on to now, with what that adds to its covariance."""
+        chosen = np.nonzero(self._beliefs.confirmed)[0].tolist()
+        return [self._estimate(k, now_s, self._state_of(k, now_s), moved_on=True) for k in chosen]
+
+    @property
+    def confirmed(self) -> int:
+        """How many targets are confirmed or coasting."""
+        return int(np.count_nonzero(self._beliefs.confirmed))
+
+    @property
+    def tentative(self) -> int:
+        """How many targets are tentative."""
+        return int(np.count_nonzero(~self._beliefs.confirmed))
+
+    def _state_of(self, k: int, now_s: float) -> State:
+        return State.COASTING if now_s - self._beliefs.last_s[k] > COASTS_AFTER_S else State.CONFIRMED
+
+    def _estimate(self, k: int, now_s: float, state: State, *, moved_on: bool = False) -> Estimate:
+        still = state is State.CONFIRMED and not moved_on
+        dt_s = 0.0 if still else max(now_s - float(self._bank.t_s[k]), 0.0)
+        x, P, t_s = self._bank.state[k], self._bank.covariance[k], float(self._bank.t_s[k])
+        if dt_s > 0:
+            motion = self._options.motion
+            F = motion.transition(np.array([dt_s]))[0]
+            surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_vigour[k]
+            x, P, t_s = F @ x, F @ P @ F.T + surprise, t_s + dt_s
+        seen = self._beliefs.seen_by(k)
+        return Estimate(
+            track=self._beliefs.track[k],
+            state=state,
+            t_unix_ns=self.network.t_mid_unix_ns + round(t_s * 1e9),
+            position_enu=x[:3].copy(),
+            velocity_enu=x[3:6].copy(),
+            covariance=P[:6, :6].copy(),
+            cameras=tuple(self.network.cameras[c].id for c in seen),
+            age_s=max(0.0, t_s - float(self._beliefs.last_s[k])),
+            quality=self._beliefs.quality(k),
+        )

@@ -1,0 +1,90 @@
+"""The guard: who is knocked is named in seconds, who is not is left alone, and no target estimate is asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import calib.guarding.monitor
+from calib.guarding import testimony
+from calib.guarding.monitor import Guard
+from calib.guarding.testimony import judge
+from tools.bench.station_guard import FAULTS, faulty_frames, watch
+from tools.bench.station_scenes import T0_UNIX_NS, Spec, frames, make
+
+SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=12.0)
+EVENT_S = 4.0
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_the_camera_at_fault_is_the_first_to_be_named(fault) -> None:  # type: ignore[no-untyped-def]
+    scene = make(SPEC)
+    found = watch(scene, faulty_frames(scene, fault, EVENT_S))
+    assert found, fault.name
+    at_s, first = found[0]
+    assert first.camera == "cam2"
+    assert EVENT_S < at_s < EVENT_S + 7.5
+    assert first.since_unix_ns < T0_UNIX_NS + at_s * 1e9
+
+
+def test_nothing_is_found_where_nothing_happens() -> None:
+    scene = make(replace(SPEC, birds=4, dropout=0.2, clutter=1.0))
+    assert watch(scene, frames(scene)) == []
+
+
+def test_calibration_errors_that_are_declared_are_no_knock() -> None:
+    scene = make(replace(SPEC, sigma_attitude_rad=1e-3, seed=5))
+    assert watch(scene, frames(scene)) == []
+
+
+def test_a_frozen_picture_is_noticed_and_a_hovering_drone_is_not() -> None:
+    scene = make(replace(SPEC, duration_s=6.0))
+    last = {}
+
+    def frozen():  # type: ignore[no-untyped-def]
+        for arrival, frame in frames(scene):
+            if frame.camera == "cam1" and "cam1" in last:
+                frame = replace(frame, pixels=last["cam1"].pixels, label=last["cam1"].label)  # noqa: PLW2901
+                frame = replace(frame, sigma_px=last["cam1"].sigma_px)  # noqa: PLW2901
+            elif len(frame.pixels):
+                last[frame.camera] = frame
+            yield arrival, frame
+
+    assert {(f.camera, f.reason) for _, f in watch(scene, frozen())} >= {("cam1", "its picture is frozen")}
+
+
+def test_the_guard_asks_no_estimate() -> None:
+    """It may not even import the tracker's estimates or filters: it guards them."""
+    names = set(vars(calib.guarding.monitor))
+    assert names.isdisjoint({"Tracker", "Estimate", "FilterBank"})
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_a_stored_network_is_believed_only_if_rays_agree(right: bool) -> None:
+    scene = make(replace(SPEC, duration_s=8.0))
+    other = make(replace(SPEC, seed=9)).network
+    guard, verdict = Guard(), None
+    network = scene.network if right else other
+    for _, frame in frames(scene):
+        guard.observe(frame)
+        verdict = guard.agrees(network, frame.t_unix_ns) if verdict is None else verdict
+    assert verdict is right
+
+
+def test_noise_alone_is_never_guilty_and_a_knock_beyond_the_expected_always() -> None:
+    rng = np.random.default_rng(1)
+
+    def heard(off: tuple[float, float], expected_px: float) -> list[testimony.Testimony]:
+        velocity = rng.normal(0, 30, (20, 2))
+        return [
+            testimony.Testimony(T0_UNIX_NS + k * 10**8, rng.normal(off, 1.0), velocity[k], 1.0, expected_px)
+            for k in range(20)
+        ]
+
+    now = T0_UNIX_NS + 2 * 10**9
+    assert judge(heard((0, 0), 0.5), now) is None
+    assert judge(heard((5, 3), 2.0), now) is None, "that much is expected"
+    guilty = judge(heard((8, 3), 0.5), now)
+    assert guilty is not None
+    assert guilty.knock_px == pytest.approx(np.hypot(8, 3), abs=1.0)
+    assert judge(heard((8, 3), 0.5)[:4], now) is None, "four testimonies are not enough"
