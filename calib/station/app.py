@@ -52,15 +52,15 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _solve(arguments: argparse.Namespace) -> int:
-    from calib.station import solving  # noqa: PLC0415 -- as above
+    from calib.station import solve_command  # noqa: PLC0415 -- as above
 
-    return solving.run(arguments)
+    return solve_command.run(arguments)
 
 
 def _survey(arguments: argparse.Namespace) -> int:
-    from calib.station import survey_cli  # noqa: PLC0415 -- as above
+    from calib.station.survey import command as survey_command  # noqa: PLC0415 -- as above
 
-    return survey_cli.run(arguments)
+    return survey_command.run(arguments)
 
 
 def _folder(arguments: argparse.Namespace) -> Path:
@@ -93,13 +93,13 @@ def _parser(command: str) -> argparse.ArgumentParser:
     solve.add_argument("--config", type=Path, help="configuration with surveyed positions, for a recording")
     solve.add_argument("-v", "--verbose", action="store_true", help="log more")
     if command == "survey":
-        from calib.station import survey_cli  # noqa: PLC0415 -- as above
+        from calib.station.survey import command as survey_command  # noqa: PLC0415 -- as above
 
-        survey_cli.add_arguments(survey)
+        survey_command.add_arguments(survey)
     if command == "solve":
-        from calib.station import solving  # noqa: PLC0415 -- as above
+        from calib.station import solve_command  # noqa: PLC0415 -- as above
 
-        solving.add_arguments(solve)
+        solve_command.add_arguments(solve)
     return parser
 
 

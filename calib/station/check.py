@@ -14,9 +14,9 @@ from typing import Final
 
 import msgspec
 
-from calib.station.broadcast import Broadcast
+from calib.station.archive.memory import Keeper
 from calib.station.config import MIN_CAMERAS, BaseConfig
-from calib.station.memory import Keeper
+from calib.station.mavlink.broadcast import Broadcast
 from calib.station.positions import with_survey
 from edge.errors import ConfigError
 from edge.link_health import check_security

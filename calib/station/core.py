@@ -19,10 +19,10 @@ import numpy as np
 from calib.guarding.monitor import DISCIPLINED_S, Guard
 from calib.network import Camera, Network
 from calib.observations import SiteCamera
+from calib.station.archive.memory import Memory
 from calib.station.calibration import Calibration, Phase, Standing
 from calib.station.config import BaseConfig, CameraSection
 from calib.station.intake import CameraIntake, Intake
-from calib.station.memory import Memory
 from calib.station.outgoing import Border, Outgoing
 from calib.station.positions import Positions
 from calib.station.window import Window

@@ -18,17 +18,17 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from calib.network import Network, to_toml
-from calib.station.backfill import Backfill
-from calib.station.broadcast import Broadcast
+from calib.station.archive.backfill import Backfill
+from calib.station.archive.memory import Keeper
+from calib.station.archive.recording import Recorder
 from calib.station.calibration import Phase
 from calib.station.config import BaseConfig
 from calib.station.core import Station, Tick
-from calib.station.mavlink import TrackerStatus
-from calib.station.memory import Keeper
+from calib.station.mavlink.broadcast import Broadcast
+from calib.station.mavlink.messages import TrackerStatus
 from calib.station.page.process import REPORT_FOLDER, PageProcess
 from calib.station.page.wire import Wish
 from calib.station.positions import with_survey
-from calib.station.recording import Recorder
 from calib.station.snapshot import snapshot
 from calib.station.status_server import StatusServer, open_status
 from calib.station.worker import LIVE, Done, Solver, Worker

@@ -18,7 +18,7 @@ def test_nothing_measured_is_lost(bad_day: BadDay) -> None:
 
 
 def test_what_was_cut_off_came_late_and_only_that(bad_day: BadDay) -> None:
-    # Once killed, the base forgets its last seconds on purpose (calib/station/backfill.py), and asks for them again.
+    # Once killed, the base forgets its last seconds on purpose and asks for them again (archive/backfill.py).
     before = [row for row in bad_day.rows if row.t_arrival_ns * 1e-9 < bad_day.killed_unix_s]
     calm = [row for row in before if bad_day.settled_unix_s < row.t_unix_ns * 1e-9 < bad_day.storm_unix_s[0] - 1]
     late = {camera: sum(row.late for row in calm if row.camera == camera) for camera in CAMERAS}

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
-import calib.station.mavlink  # noqa: F401 -- registers the dialect with pymavlink's parser
+import calib.station.mavlink.messages  # noqa: F401 -- registers the dialect with pymavlink's parser
 from calib.geodesy import ecef_to_enu
-from calib.station import recording
-from calib.station.memory import Keeper
+from calib.station.archive import recording
+from calib.station.archive.memory import Keeper
 from tools.bench.station_feed import boxes
 from tools.bench.station_messages import SITE
 from tools.bench.station_scenes import ORIGIN, Scene, Spec, make

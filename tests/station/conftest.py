@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from calib.station.archive.memory import Memory
 from calib.station.calibration import reduced
 from calib.station.config import BaseConfig, CalibrationSection, CameraSection, SiteSection
 from calib.station.core import Station
-from calib.station.memory import Memory
 from calib.station.outgoing import Outgoing
 from calib.station.worker import Done, Solved
 from tools.bench.station_messages import SITE, Sent, messages

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.station.backfill import LONGEST_REST_S, REST, SHORTEST_REST_S, Backfill, rest_after
-from calib.station.ledger import Gap
+from calib.station.archive.backfill import LONGEST_REST_S, REST, SHORTEST_REST_S, Backfill, rest_after
+from calib.station.archive.ledger import Gap
 from edge.inbox import Inbox, Received
 from edge.link import Link
 from edge.link_profile import LinkSettings

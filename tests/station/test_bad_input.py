@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib.station.archive.memory import Memory
 from calib.station.config import BaseConfig, CameraSection, SiteSection, load
 from calib.station.core import Station
-from calib.station.memory import Memory
 from edge.errors import ConfigError
 from edge.messages import Tracks, camera_key, encode
 from tests.station.conftest import Change, Fed, station_for

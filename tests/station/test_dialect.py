@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from calib.station import dialect
+from calib.station.mavlink import dialect
 from tools.make_dialect import DIALECT, XML, generate
 
 LONGEST_PAYLOAD = 255  # bytes; mavgen does not check it

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from calib.network import from_toml, to_toml
-from calib.station import recording
+from calib.station.archive import recording
+from calib.station.archive.recording import Recorder
 from calib.station.core import Station
-from calib.station.recording import Recorder
 from edge.messages import Tracks, camera_key, encode
 from tests.station.conftest import Fed, station_for
 from tools.bench.station_guard import FAULTS, faulty_frames

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from calib.geodesy import enu_to_geodetic
-from calib.station import mavlink
 from calib.station.config import EndpointSection, MavlinkSection
-from calib.station.mavlink import TrackerStatus, Voice
-from calib.station.mavlink_codec import TICKS_PER_S, Codec, Streams, read_key, ticks
-from calib.station.mavlink_port import Port
+from calib.station.mavlink import messages as mavlink
+from calib.station.mavlink.codec import TICKS_PER_S, Codec, Streams, read_key, ticks
+from calib.station.mavlink.messages import TrackerStatus, Voice
+from calib.station.mavlink.port import Port
 from calib.station.outgoing import Border, Outgoing
 from calib.tracking.targets import Estimate, State
 from edge.errors import ConfigError

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.station.memory import Keeper
+from calib.station.archive.memory import Keeper
 from tools.bench.station_scenes import Spec, make
 
 CAMERAS = {f"cam{k}" for k in range(6)}

@@ -15,13 +15,13 @@ from hypothesis import strategies as st
 
 from calib.geodesy import enu_to_ecef
 from calib.station import config
+from calib.station.archive.recording import Recorder
 from calib.station.config import BaseConfig, CameraSection, SiteSection, StatusSection
 from calib.station.page import past, wire, words
 from calib.station.page.access import SHORTEST_TOKEN, allowed, read_token
 from calib.station.page.live import Live
 from calib.station.page.process import PageProcess, available
 from calib.station.page.steps import next_step, steps
-from calib.station.recording import Recorder
 from calib.station.status import CameraStatus, EndpointStatus, PairStatus, StationStatus
 from edge.errors import ConfigError, MessageError
 from edge.messages import Health, HealthItem, NetworkMessage, Target, Targets, encode

@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from calib.station.memory import Keeper
+from calib.station.archive.memory import Keeper
 from calib.station.page.process import available
 from edge.link import Link
 from edge.link_profile import LinkSettings

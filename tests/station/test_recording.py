@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from calib.station.recording import Recorder, read
+from calib.station.archive.recording import Recorder, read
 from edge.errors import RecordingError
 
 T = 1_800_000_000 * 10**9

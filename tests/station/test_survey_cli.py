@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibrationError
-from calib.station import survey_cli, survey_field
-from calib.station.survey_store import load_survey
+from calib.station.survey import command as survey_cli
+from calib.station.survey import field as survey_field
+from calib.station.survey.store import load_survey
 from edge.errors import ConfigError
 from tools.bench.gnss_simulator import Array, Place, gga
 

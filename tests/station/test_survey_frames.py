@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.geodesy import geodetic_to_enu
-from calib.station.frames import convert, frame_known
+from calib.station.survey.frames import convert, frame_known
 from edge.errors import ConfigError
 
 PLACES = {"frankfurt": (50.1, 8.7, 150.0), "boulder": (40.0, -105.2, 1600.0), "sydney": (-33.9, 151.2, 50.0)}

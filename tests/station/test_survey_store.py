@@ -13,10 +13,10 @@ from msgspec.structs import replace
 from calib.errors import CalibrationError
 from calib.geodesy import enu_to_geodetic, geodetic_to_enu
 from calib.network import Camera, Network
-from calib.station import survey_edit as edit
 from calib.station.config import BaseConfig, CameraSection, SiteSection
 from calib.station.positions import with_survey
-from calib.station.survey_store import (
+from calib.station.survey import edit
+from calib.station.survey.store import (
     AntennaTable,
     OccupationTable,
     Survey,

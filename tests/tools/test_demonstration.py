@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common
 
 from calib.geodesy import enu_to_ecef, geodetic_to_enu
 from calib.station import config as base_config
-from calib.station import dialect
+from calib.station.mavlink import dialect
 from edge import config as box_config
 from edge import settings
 from edge.errors import SkyfixError

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.station.recording import Recorder
+from calib.station.archive.recording import Recorder
 from edge.errors import SkyfixError
 from edge.link import Link
 from edge.link_profile import LinkSettings

@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 import numpy as np
 
-from calib.station import recording
+from calib.station.archive import recording
 from edge.messages import Tracks, camera_key, encode
 from tools.bench.field import CAMERAS, PATIENCE_S, settle, wait
 from tools.fieldwork.air import Air, possible

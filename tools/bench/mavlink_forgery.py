@@ -21,7 +21,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega, common
 
-from calib.station.mavlink_codec import Codec
+from calib.station.mavlink.codec import Codec
 from tools.demonstration.site import free_port
 from tools.fieldwork.base import Base, key_of
 

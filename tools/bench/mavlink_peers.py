@@ -22,7 +22,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import common
 
-from calib.station.mavlink_codec import ticks
+from calib.station.mavlink.codec import ticks
 from tools.demonstration.site import free_port
 from tools.fieldwork.base import Base, key_of
 from tools.fieldwork.peers import Ear, Peers, dissected, has_wireshark

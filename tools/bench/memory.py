@@ -18,7 +18,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from calib.station.backfill import Backfill
+from calib.station.archive.backfill import Backfill
 from edge.link import Link
 from edge.link_profile import LinkSettings
 from edge.messages import Detection, Tracks, camera_key, decode, encode

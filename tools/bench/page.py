@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from calib.station.memory import Keeper
+from calib.station.archive.memory import Keeper
 from tools.bench.station_feed import boxes
 from tools.bench.station_messages import SITE
 from tools.bench.station_scenes import ORIGIN, Spec, make

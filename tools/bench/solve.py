@@ -24,8 +24,8 @@ from calib.network import from_toml
 from calib.observations import Observations, Scene
 from calib.solving.solution import Solution
 from calib.solving.solve import solve
-from calib.station import trackfolder
-from calib.station.solving import restricted
+from calib.station.archive import trackfolder
+from calib.station.solve_command import restricted
 from edge.lens import Array
 from tools.evaluate import evaluate, read_trajectory, read_truth
 from tools.paper.trials import ONE_THREAD

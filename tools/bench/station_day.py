@@ -17,10 +17,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from calib.station.archive.memory import Memory
 from calib.station.calibration import reduced
 from calib.station.config import BaseConfig, CameraSection, SiteSection
 from calib.station.core import Station, Tick
-from calib.station.memory import Memory
 from calib.station.worker import Done, Solved
 from edge.messages import camera_key, encode
 from tools.bench.station_messages import SITE, Sent, fix_message, lens_message, tracks_message

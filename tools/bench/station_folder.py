@@ -14,11 +14,11 @@ import numpy as np
 
 from calib.geodesy import enu_to_geodetic
 from calib.observations import Scene, SiteCamera
-from calib.station import trackfolder
+from calib.station.archive import trackfolder
+from calib.station.archive.memory import Memory
 from calib.station.config import BaseConfig, CameraSection, SiteSection
 from calib.station.core import Station
 from calib.station.live_solver import solve_live
-from calib.station.memory import Memory
 from calib.station.worker import Done, Job
 from edge.errors import SkyfixError
 from edge.messages import Detection, Lens, Tracks, camera_key, encode

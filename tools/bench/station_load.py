@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.station.archive.memory import Memory
+from calib.station.archive.recording import Recorder
 from calib.station.config import BaseConfig, CameraSection, EndpointSection, MavlinkSection, SiteSection
 from calib.station.core import Station
-from calib.station.mavlink import Voice
-from calib.station.mavlink_port import Port
-from calib.station.memory import Memory
-from calib.station.recording import Recorder
+from calib.station.mavlink.messages import Voice
+from calib.station.mavlink.port import Port
 from tools.bench.station_messages import SITE, Sent, messages
 from tools.bench.station_scenes import ORIGIN, Scene, Spec, make
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.geodesy import ecef_to_enu
-from calib.station import recording
+from calib.station.archive import recording
 from edge.errors import SkyfixError
 from edge.lens import Array
 from edge.messages import Detection, Tracks, camera_of_key, decode

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from calib.station.memory import Keeper
+from calib.station.archive.memory import Keeper
 from tools.bench.station_feed import boxes
 from tools.bench.station_messages import SITE
 from tools.bench.station_scenes import ORIGIN, Scene, Spec, make

@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-import calib.station.mavlink  # noqa: F401 -- registers the dialect with pymavlink's parser
-from calib.station import dialect
+import calib.station.mavlink.messages  # noqa: F401 -- registers the dialect with pymavlink's parser
+from calib.station.mavlink import dialect
 from edge.messages import camera_of_key
 from tools.fieldwork.tail import Tail
 

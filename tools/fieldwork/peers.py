@@ -20,8 +20,8 @@ from typing import Final, Self
 import pymavlink
 from pymavlink.dialects.v20 import common
 
-import calib.station.mavlink  # noqa: F401 -- registers the dialect with pymavlink's parser
-from calib.station.mavlink_codec import ticks
+import calib.station.mavlink.messages  # noqa: F401 -- registers the dialect with pymavlink's parser
+from calib.station.mavlink.codec import ticks
 from tools.fieldwork.base import ROOT
 
 XML: Final = ROOT / "deploy" / "mavlink" / "skyfix.xml"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calib.geodesy import enu_to_geodetic
 from calib.observations import Observations, Scene, SiteCamera
-from calib.station import recording, trackfolder
+from calib.station.archive import recording, trackfolder
 from edge.camera import lens_message
 from edge.errors import RecordingError
 from edge.lens import Array, pixel_to_ray

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import msgspec
 
-from calib.station import recording
+from calib.station.archive import recording
 from calib.station.page.live import corners, target_rows
 from edge.messages import NetworkMessage, Targets
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.geodesy import Origin, geodetic_to_enu
 from calib.observations import Observations, Scene, SiteCamera
-from calib.station import recording
+from calib.station.archive import recording
 from edge.errors import ConfigError, MessageError
 from edge.lens import LensError, LensModel
 from edge.messages import Fix, Lens, Tracks, camera_of_key, decode

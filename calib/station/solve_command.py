@@ -13,7 +13,7 @@ from calib import network
 from calib.observations import Observations, Scene
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
-from calib.station import recorded, trackfolder
+from calib.station.archive import recorded, trackfolder
 from calib.station.report import write_report
 from edge.atomic import write_atomically
 from edge.errors import ConfigError

@@ -16,7 +16,7 @@ from typing import Final
 
 import msgspec
 
-from calib.station.ledger import Gap, Ledger, Ranges
+from calib.station.archive.ledger import Gap, Ledger, Ranges
 from edge.atomic import write_atomically
 from edge.errors import MessageError
 from edge.inbox import Inbox, Received

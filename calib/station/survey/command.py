@@ -12,11 +12,11 @@ from typing import Any, Final
 from msgspec.structs import asdict, replace
 
 from calib.network import from_toml
-from calib.station import survey_edit as edit
 from calib.station.config import load
-from calib.station.survey_args import DEFAULT_FILE, add_arguments
-from calib.station.survey_field import Ask, Job, configured, occupy_one, rover_round, store, take_boxes
-from calib.station.survey_store import Survey, SurveySite, TapeTable, derived, load_survey
+from calib.station.survey import edit
+from calib.station.survey.arguments import DEFAULT_FILE, add_arguments
+from calib.station.survey.field import Ask, Job, configured, occupy_one, rover_round, store, take_boxes
+from calib.station.survey.store import Survey, SurveySite, TapeTable, derived, load_survey
 from edge.errors import ConfigError
 from edge.settings import build
 

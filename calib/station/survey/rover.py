@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from calib.errors import CalibrationError
-from calib.station.survey_store import AntennaTable, OccupationTable
+from calib.station.survey.store import AntennaTable, OccupationTable
 from edge.gnss.diagnosis import State
 from edge.gnss.gates import Reason
 from edge.gnss.receiver import Receiver

@@ -16,7 +16,7 @@ from msgspec.structs import asdict, replace
 
 from calib.errors import CalibrationError
 from calib.geodesy import Origin, enu_to_geodetic, geodetic_to_enu
-from calib.station.frames import convert, frame_known
+from calib.station.survey.frames import convert, frame_known
 from calib.survey import Antenna, Occupation, SurveyedPoint, absolute_sigma, combine
 from edge.atomic import write_atomically
 from edge.errors import ConfigError

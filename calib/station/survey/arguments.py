@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Final
 
-from calib.station.survey_edit import CSV_COLUMNS
+from calib.station.survey.edit import CSV_COLUMNS
 from edge.gnss.averaging import SERVICES
 
 OCCUPATION_S: Final = 180.0  # two of it, the guidance for network RTK; longer gains a third at 600 s

@@ -14,7 +14,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from calib.geodesy import Origin, enu_to_geodetic
-from calib.station import dialect
+from calib.station.mavlink import dialect
 from calib.station.outgoing import UPPER, Outgoing
 from calib.tracking.targets import State
 

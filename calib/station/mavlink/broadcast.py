@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import common
 
 from calib.geodesy import Origin
 from calib.station.config import BaseConfig
-from calib.station.endpoint import Endpoint, open_endpoint
-from calib.station.mavlink import TrackerStatus, Voice
-from calib.station.mavlink_codec import CLOCK_SET_S, Streams, read_key
-from calib.station.mavlink_port import Port
+from calib.station.mavlink.codec import CLOCK_SET_S, Streams, read_key
+from calib.station.mavlink.endpoint import Endpoint, open_endpoint
+from calib.station.mavlink.messages import TrackerStatus, Voice
+from calib.station.mavlink.port import Port
 from calib.station.outgoing import Outgoing
 from calib.station.status import EndpointStatus
 from edge.errors import ConfigError

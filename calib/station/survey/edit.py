@@ -12,8 +12,8 @@ from calib.errors import CalibrationError
 from calib.geodesy import geodetic_to_enu
 from calib.network import POSE_SIZE, Network
 from calib.solving.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
-from calib.station.frames import frame_known
-from calib.station.survey_store import (
+from calib.station.survey.frames import frame_known
+from calib.station.survey.store import (
     CameraTable,
     EnteredTable,
     OccupationTable,

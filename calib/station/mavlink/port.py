@@ -14,10 +14,10 @@ from typing import Final
 
 from pymavlink.dialects.v20 import common
 
-from calib.station import mavlink
 from calib.station.config import EndpointSection, MavlinkSection
-from calib.station.mavlink import COMPONENT_ECEF, COMPONENT_GCS, TrackerStatus, Voice
-from calib.station.mavlink_codec import Codec, Streams
+from calib.station.mavlink import messages
+from calib.station.mavlink.codec import Codec, Streams
+from calib.station.mavlink.messages import COMPONENT_ECEF, COMPONENT_GCS, TrackerStatus, Voice
 from calib.station.outgoing import Outgoing
 from calib.tracking.targets import State
 
@@ -106,16 +106,16 @@ class Port:
                 self._tracks.last_ns.pop(target.track, None)
                 continue
             if self._ecef is not None and self._tracks.due(target.track, now_ns):
-                frames += self._frame(self._ecef, mavlink.target_track_ecef, target, self._voice, synced)
+                frames += self._frame(self._ecef, messages.target_track_ecef, target, self._voice, synced)
             if self._gcs is not None and self._adsb.due(target.track, now_ns):
-                frames += self._frame(self._gcs, mavlink.adsb_vehicle, target, self._voice)
+                frames += self._frame(self._gcs, messages.adsb_vehicle, target, self._voice)
         return frames + self._say_farewell(now_ns, synced)
 
     def _say_farewell(self, now_ns: int, synced: bool) -> list[bytes]:
         frames: list[bytes] = []
         for farewell in self._farewells:
             if self._ecef is not None and now_ns >= farewell.next_ns:
-                frames += self._frame(self._ecef, mavlink.target_track_ecef, farewell.target, self._voice, synced)
+                frames += self._frame(self._ecef, messages.target_track_ecef, farewell.target, self._voice, synced)
                 farewell.left, farewell.next_ns = farewell.left - 1, now_ns + LOST_SPACING_NS
         self._farewells = [f for f in self._farewells if f.left > 0 and self._ecef is not None]
         return frames
@@ -125,10 +125,10 @@ class Port:
         self._text_budget = TEXTS_A_SECOND
         frames: list[bytes] = []
         for codec in self._codecs:
-            frames += [] if faulted else self._frame(codec, mavlink.heartbeat, status)
-            frames += self._frame(codec, mavlink.system_time, status)
+            frames += [] if faulted else self._frame(codec, messages.heartbeat, status)
+            frames += self._frame(codec, messages.system_time, status)
         if self._ecef is not None:
-            frames += self._frame(self._ecef, mavlink.tracker_status, status, self._voice)
+            frames += self._frame(self._ecef, messages.tracker_status, status, self._voice)
         return frames
 
     def text(self, severity: int, text: str) -> list[bytes]:
@@ -138,7 +138,7 @@ class Port:
             return []
         self._text_budget -= 1
         self._texts += 1
-        return [codec.encoded(message) for message in mavlink.status_texts(severity, text, self._texts)]
+        return [codec.encoded(message) for message in messages.status_texts(severity, text, self._texts)]
 
     def _frame(self, codec: Codec, make: Callable[..., common.MAVLink_message], *said: object) -> list[bytes]:
         """The frame, or nothing if a number does not fit its field: a bad target must not stop the others."""

@@ -14,10 +14,10 @@ from dataclasses import replace as replaced
 from pathlib import Path
 
 from calib.errors import CalibrationError
-from calib.station import survey_edit as edit
 from calib.station.config import BaseConfig
-from calib.station.survey_rover import occupy, wait_for_lost_fix
-from calib.station.survey_store import AntennaTable, OccupationTable, Survey, antenna_of, save_survey
+from calib.station.survey import edit
+from calib.station.survey.rover import occupy, wait_for_lost_fix
+from calib.station.survey.store import AntennaTable, OccupationTable, Survey, antenna_of, save_survey
 from edge.config import GnssConfig
 from edge.errors import ConfigError
 from edge.gnss.receiver import Receiver

@@ -1,0 +1,1 @@
+"""What goes out as MAVLink: messages, signing, ports and sockets."""

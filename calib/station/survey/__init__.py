@@ -1,0 +1,1 @@
+"""Where the tripods stand: occupations, their store, and the command that fills it."""
