@@ -85,8 +85,8 @@ def _add_lens(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def _run(arguments: argparse.Namespace) -> int:
     # Imported here: `edge-node lens` and `--help` need neither a network nor a model.
+    from edge.link.zenoh_log import ZenohLog  # noqa: PLC0415
     from edge.node import Node  # noqa: PLC0415
-    from edge.zenoh_log import ZenohLog  # noqa: PLC0415
 
     config = _only(load_box(arguments.config), arguments.camera, arguments.config)
     logging.basicConfig(

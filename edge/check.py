@@ -21,8 +21,8 @@ from edge.errors import ConfigError, SkyfixError
 from edge.gnss.diagnosis import State
 from edge.gnss.receiver import Receiver
 from edge.health import Check
-from edge.link import Link
-from edge.link_health import check_security
+from edge.link.health import check_security
+from edge.link.link import Link
 from edge.messages import HealthLevel, station_key
 from edge.pipeline import CameraFacts, Pipeline, total_bound_s
 from edge.temperature import check_temperature

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from edge.errors import ConfigError
 from edge.lens import LensError, LensModel
-from edge.link_profile import BOX_LINK, LinkSettings
+from edge.link.profile import BOX_LINK, LinkSettings
 from edge.messages import Name, SizePx, TimeNs
 from edge.settings import build, load
 

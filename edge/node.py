@@ -18,10 +18,10 @@ from edge.clock import ClockMonitor, check_clock
 from edge.config import BoxConfig, CameraConfig
 from edge.gnss.receiver import Receiver
 from edge.health import Check, HealthBoard
-from edge.link import Link
-from edge.link_health import LinkHealth
+from edge.link.health import LinkHealth
+from edge.link.link import Link
+from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Tracks, camera_key, encode
-from edge.spool import Spool, SpoolSettings
 from edge.systemd_notify import Notifier
 from edge.temperature import check_temperature
 from edge.thumbnail import focus_score, thumbnail

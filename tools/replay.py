@@ -13,8 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from edge.errors import LinkError, SkyfixError
-from edge.link import Link
-from edge.link_profile import LOOPBACK_ENDPOINT, LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LOOPBACK_ENDPOINT, LinkSettings
 from edge.messages import MESSAGES, camera_key, decode, station_key
 from tools.replaying.source import STATES, Said, Source, open_source
 

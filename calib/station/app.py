@@ -15,7 +15,7 @@ from typing import Final
 from calib.station.config import load
 from edge import __version__
 from edge.errors import ConfigError, SkyfixError
-from edge.zenoh_log import ZenohLog
+from edge.link.zenoh_log import ZenohLog
 
 DEFAULT_CONFIG: Final = Path("/etc/skyfix/base.toml")
 LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(message)s"

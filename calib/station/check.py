@@ -19,7 +19,7 @@ from calib.station.config import MIN_CAMERAS, BaseConfig
 from calib.station.mavlink.broadcast import Broadcast
 from calib.station.positions import with_survey
 from edge.errors import ConfigError
-from edge.link_health import check_security
+from edge.link.health import check_security
 
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from calib.station.page.access import is_own
 from edge import settings
 from edge.errors import ConfigError
-from edge.link_profile import BASE_LINK, LinkSettings
+from edge.link.profile import BASE_LINK, LinkSettings
 from edge.messages import Name
 
 MIN_CAMERAS: Final = 3  # fewer have no georeference: a line through two tripods leaves roll about it free

@@ -33,9 +33,9 @@ from calib.station.snapshot import snapshot
 from calib.station.status_server import StatusServer, open_status
 from calib.station.worker import LIVE, Done, Solver, Worker
 from edge.health import Check
-from edge.inbox import Inbox, Received
-from edge.link import Link
-from edge.link_health import LinkHealth
+from edge.link.health import LinkHealth
+from edge.link.inbox import Inbox, Received
+from edge.link.link import Link
 from edge.messages import camera_key, camera_of_key, encode, station_key
 
 log = logging.getLogger(__name__)

@@ -19,7 +19,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from edge.atomic import write_atomically
 from edge.errors import ConfigError
-from edge.link_access import Access, Subject, load_access
+from edge.link.access import Access, Subject, load_access
 
 NOT_BEFORE: Final = dt.datetime(2020, 1, 1, tzinfo=dt.UTC)  # before any box was built; see above
 AUTHORITY_DAYS: Final = 3650
@@ -160,7 +160,7 @@ class Authority:
         )
         folder = self.folder / "issued" / name
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        # Text before the block is allowed in PEM: edge/link_files.py reads the date there without a parser.
+        # Text before the block is allowed in PEM: edge/link/health.py reads the date there without a parser.
         heading = f"{common_name}\nexpires {not_after.isoformat('T', 'seconds')}\n".encode()
         write_atomically(folder / "key.pem", _pem(key), mode=0o600)
         write_atomically(folder / "certificate.pem", heading + certificate.public_bytes(serialization.Encoding.PEM))

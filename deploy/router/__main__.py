@@ -17,12 +17,12 @@ from typing import Final
 import msgspec
 
 from edge.errors import ConfigError, SkyfixError
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
+from edge.link.zenoh_log import ZenohLog
 from edge.messages import Health, site_key
 from edge.settings import load
 from edge.systemd_notify import Notifier
-from edge.zenoh_log import ZenohLog
 
 log = logging.getLogger("skyfix.router")
 

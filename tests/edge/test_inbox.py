@@ -2,7 +2,7 @@
 
 import threading
 
-from edge.inbox import Inbox
+from edge.link.inbox import Inbox
 
 
 def test_oldest_goes_first_and_is_counted() -> None:

@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import pytest
 
-from edge.inbox import Inbox, Received
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.inbox import Inbox, Received
+from edge.link.link import Link
+from edge.link.outbox import CAPACITY
+from edge.link.profile import LinkSettings
 from edge.messages import Lens, Tracks, camera_key, decode
-from edge.outbox import CAPACITY
 
 LENS = Lens(model="radtan", intrinsics=(900.0, 900.0, 640.0, 360.0), distortion=[], rms_px=0.3, size_px=(1280, 720))
 
@@ -134,8 +134,8 @@ def test_closing_is_quick_and_repeatable(endpoint: str) -> None:
 
 ENDS = """
 import sys, threading, time
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
 before = set(threading.enumerate())
 with Link(LinkSettings(listen=(sys.argv[1],)), name="ends") as link:
     heard = link.subscribe("ends/slow")

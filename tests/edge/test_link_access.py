@@ -7,8 +7,8 @@ import pytest
 import zenoh
 
 from edge.errors import ConfigError
-from edge.link_access import Access, Subject, access_control, load_access
-from edge.link_profile import LinkSettings, TlsSettings, is_loopback
+from edge.link.access import Access, Subject, access_control, load_access
+from edge.link.profile import LinkSettings, TlsSettings, is_loopback
 from edge.messages import camera_key, station_key
 
 SUBJECTS = (

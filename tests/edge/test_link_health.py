@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from edge import zenoh_log
-from edge.link import Link
-from edge.link_health import LinkHealth, certificate_end, check_security
-from edge.link_profile import LinkSettings, TlsSettings
-from edge.zenoh_log import Refusals
+from edge.link import zenoh_log
+from edge.link.health import LinkHealth, certificate_end, check_security
+from edge.link.link import Link
+from edge.link.profile import LinkSettings, TlsSettings
+from edge.link.zenoh_log import Refusals
 
 NOW = dt.datetime(2027, 6, 1, tzinfo=dt.UTC)
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from edge.link import Link
-from edge.link_profile import LinkSettings, TlsSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings, TlsSettings
 from edge.messages import NetworkMessage, Tracks, camera_key, station_key
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -31,9 +31,9 @@ TRACKS = Tracks(
 # A process of its own, because the library's log is a process's standard output.
 BASE = """
 import json, sys, time
-from edge.link import Link
-from edge.link_profile import LinkSettings, TlsSettings
-from edge.zenoh_log import ZenohLog
+from edge.link.link import Link
+from edge.link.profile import LinkSettings, TlsSettings
+from edge.link.zenoh_log import ZenohLog
 endpoint, folder, access = sys.argv[1:]
 tls = TlsSettings(authority=folder + "/authority.pem", certificate=folder + "/certificate.pem",
                   key=folder + "/key.pem", access=access)

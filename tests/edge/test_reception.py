@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.reception import Allowances
+from edge.link.reception import Allowances
 
 
 @given(st.lists(st.floats(0, 0.1), min_size=1, max_size=200))

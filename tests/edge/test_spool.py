@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.inbox import Inbox
+from edge.link.inbox import Inbox
+from edge.link.request import Request
+from edge.link.spool import ANSWER_BYTES, Spool, SpoolSettings, answers
+from edge.link.store import Row, SpoolStore
 from edge.messages import Backlog, Inventory, decode
-from edge.request import Request
-from edge.spool import ANSWER_BYTES, Spool, SpoolSettings, answers
-from edge.spool_store import Row, SpoolStore
 
 Until = Callable[..., bool]
 
@@ -142,9 +142,9 @@ def test_a_full_disk_is_named_and_got_over(tmp_path: Path) -> None:
 
 WRITER = """
 import sys, time
-from edge.inbox import Inbox
-from edge.request import Request
-from edge.spool import Spool, SpoolSettings
+from edge.link.inbox import Inbox
+from edge.link.request import Request
+from edge.link.spool import Spool, SpoolSettings
 with Spool(SpoolSettings(file=sys.argv[1]), Inbox(8)) as spool:
     for seq in range(100000):
         spool.keep(1, seq, 1700000000000000000, b'{"n":%d,' % seq + b'"pad":0}')

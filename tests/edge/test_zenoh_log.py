@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.zenoh_log import MAX_REASONS, LogReader
+from edge.link.zenoh_log import MAX_REASONS, LogReader
 
 # As Zenoh 1.10.2 writes them; the live test in test_link_security.py notices if that changes.
 LINES = (

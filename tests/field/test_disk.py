@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from edge.inbox import Inbox, Received
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.inbox import Inbox, Received
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
 from edge.messages import Health, camera_key, decode
 from tests.field import boxes
 from tools.fieldwork.base import Base

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
 from edge.messages import Health, Lens, Tracks, camera_key, decode
 from tests.edge.footage import flight, sky, write_video
 from tests.edge.onnx_models import constant_model, dark_dot_model

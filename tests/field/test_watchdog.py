@@ -5,8 +5,8 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
 from tests.field import boxes
 from tools.fieldwork.base import Base
 from tools.fieldwork.supervisor import Supervisor

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from calib.station.archive.backfill import LONGEST_REST_S, REST, SHORTEST_REST_S, Backfill, rest_after
 from calib.station.archive.ledger import Gap
-from edge.inbox import Inbox, Received
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.inbox import Inbox, Received
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
+from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Backlog, Inventory, SpooledEpoch, Tracks, camera_key, decode, encode
-from edge.spool import Spool, SpoolSettings
 
 SITE = "field"
 KEY = camera_key(SITE, "cam0", "backlog")

@@ -22,8 +22,8 @@ import pytest
 
 from calib.station.archive.memory import Keeper
 from calib.station.page.process import available
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
 from edge.messages import camera_key, camera_of_key
 from tools.bench.station_feed import feed
 from tools.bench.station_messages import SITE, Sent, messages

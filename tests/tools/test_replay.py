@@ -9,8 +9,8 @@ import pytest
 
 from calib.station.archive.recording import Recorder
 from edge.errors import SkyfixError
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
 from edge.messages import Fix, Lens, Tracks, camera_key, camera_of_key, decode, encode, station_key
 from tools import replay as program
 from tools.replaying.source import Said, open_source

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import pytest
 
-from edge.link import Link
-from edge.link_profile import LinkSettings, TlsSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings, TlsSettings
 from edge.messages import Targets, Tracks, camera_key, site_key, station_key
 
 DEPLOY = Path(__file__).parents[2] / "deploy"

@@ -24,7 +24,7 @@ from typing import Final
 import numpy as np
 
 from calib.station.archive import recording
-from edge.spool_store import SpoolStore
+from edge.link.store import SpoolStore
 from tools.fieldwork.air import Air, possible
 from tools.fieldwork.heard import Row, latency_s, live_again_after
 from tools.fieldwork.site import ROOT, Site

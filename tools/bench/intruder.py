@@ -17,9 +17,9 @@ import msgspec
 import zenoh
 
 from edge.errors import MessageError
-from edge.inbox import Received
-from edge.link import Link
-from edge.link_profile import LinkSettings, zenoh_config
+from edge.link.inbox import Received
+from edge.link.link import Link
+from edge.link.profile import LinkSettings, zenoh_config
 from edge.messages import MESSAGES, Backlog, Inventory, Tracks, camera_key, decode, encode
 
 ENDPOINT: Final = "tcp/127.0.0.1:27447"

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 
 from calib.station.archive.backfill import Backfill
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
+from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Detection, Tracks, camera_key, decode, encode
-from edge.spool import Spool, SpoolSettings
 
 ENDPOINT: Final = "tcp/127.0.0.1:27448"
 KEY: Final = camera_key("field", "cam0", "tracks")

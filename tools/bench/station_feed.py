@@ -9,8 +9,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from edge.link import Link
-from edge.link_profile import LinkSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings
 from edge.messages import MESSAGES, camera_key, camera_of_key, decode
 from tools.bench.station_messages import SITE, Sent, messages
 from tools.bench.station_scenes import T0_UNIX_NS, Scene, Spec, make

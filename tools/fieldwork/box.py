@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from edge.lens import LensModel, pixel_to_ray
-from edge.link import Link
-from edge.link_profile import LinkSettings, TlsSettings
+from edge.link.link import Link
+from edge.link.profile import LinkSettings, TlsSettings
+from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Detection, Lens, Tracks, camera_key, encode
-from edge.spool import Spool, SpoolSettings
 
 PAUSE_NS = 10**9  # between the flight's end and its next beginning
 

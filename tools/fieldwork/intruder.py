@@ -11,7 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from edge.link_profile import LinkSettings, TlsSettings, zenoh_config
+from edge.link.profile import LinkSettings, TlsSettings, zenoh_config
 
 OPENS_WITHIN_S = 5.0
 

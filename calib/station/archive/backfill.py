@@ -19,8 +19,8 @@ import msgspec
 from calib.station.archive.ledger import Gap, Ledger, Ranges
 from edge.atomic import write_atomically
 from edge.errors import MessageError
-from edge.inbox import Inbox, Received
-from edge.link import Link
+from edge.link.inbox import Inbox, Received
+from edge.link.link import Link
 from edge.messages import Backlog, Inventory, Tracks, camera_key, camera_of_key, decode
 from edge.own_thread import OwnThread
 

@@ -21,7 +21,7 @@ from calib.station.survey.store import AntennaTable, OccupationTable, Survey, an
 from edge.config import GnssConfig
 from edge.errors import ConfigError
 from edge.gnss.receiver import Receiver
-from edge.link import Link
+from edge.link.link import Link
 from edge.messages import Fix, camera_key, camera_of_key, decode
 from edge.settings import build
 

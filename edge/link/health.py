@@ -13,10 +13,10 @@ from typing import Final
 
 import msgspec
 
-from edge import zenoh_log
 from edge.health import Check
-from edge.link import Link, LinkCounters
-from edge.link_profile import LinkSettings, TlsSettings
+from edge.link import zenoh_log
+from edge.link.link import Link, LinkCounters
+from edge.link.profile import LinkSettings, TlsSettings
 
 RECENT_S: Final = 60.0  # how long a refusal or a loss is spoken of
 RENEW_BEFORE: Final = dt.timedelta(days=30)

@@ -18,11 +18,11 @@ from typing import Annotated, Final
 
 import msgspec
 
-from edge.inbox import Inbox
+from edge.link.inbox import Inbox
+from edge.link.request import Request
+from edge.link.store import Row, SpoolStore
 from edge.messages import MAX_BACKLOG_ROWS, Backlog, Inventory, SpooledEpoch, encode
 from edge.own_thread import OwnThread
-from edge.request import Request
-from edge.spool_store import Row, SpoolStore
 
 log = logging.getLogger(__name__)
 

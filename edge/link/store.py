@@ -1,8 +1,8 @@
 """Messages on disk: a bounded SQLite file, oldest out first, that survives kill -9 and the power cut.
 
-Write-ahead log with a full sync at every commit: what is committed is there after a power cut, and a commit is made
-twice a second by edge/spool.py, not for every frame. A file that a dying card has garbled must not keep a camera from
-working: it is set aside under another name, and a new one begun.
+Write-ahead log with a full sync at every commit: what is committed is there after a power cut, and the spool commits
+twice a second, not for every frame. A file that a dying card has garbled must not keep a camera from working: it is set
+aside under another name, and a new one begun.
 """
 
 import sqlite3

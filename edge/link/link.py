@@ -1,6 +1,6 @@
 """What a program says and hears over Zenoh, without ever waiting for it.
 
-The session belongs to a thread of its own (edge/link_session.py); the caller only ever leaves a message in a bounded
+The session belongs to a thread of its own (edge/link/session.py); the caller only ever leaves a message in a bounded
 queue, or looks into an inbox. What is older than a second when its turn comes is thrown away and counted: stale live
 data is worthless, and the spool has kept it. Callbacks, which are Zenoh's threads, only enqueue.
 """
@@ -15,11 +15,11 @@ import msgspec
 import zenoh
 
 from edge import messages
-from edge.inbox import Inbox, Presence, Received
-from edge.link_profile import LinkSettings
-from edge.link_session import LinkSession
-from edge.reception import Reception
-from edge.request import Request
+from edge.link.inbox import Inbox, Presence, Received
+from edge.link.profile import LinkSettings
+from edge.link.reception import Reception
+from edge.link.request import Request
+from edge.link.session import LinkSession
 
 log = logging.getLogger(__name__)
 

@@ -18,8 +18,8 @@ import zenoh
 
 from edge import messages
 from edge.errors import ConfigError
-from edge.link_profile import LinkSettings, zenoh_config
-from edge.outbox import Outbox, Outgoing
+from edge.link.outbox import Outbox, Outgoing
+from edge.link.profile import LinkSettings, zenoh_config
 from edge.own_thread import OwnThread
 
 log = logging.getLogger(__name__)

@@ -11,8 +11,8 @@ from typing import Final
 import msgspec
 import zenoh
 
-from edge.inbox import Inbox, Received
-from edge.link_profile import MAX_MESSAGE_BYTES
+from edge.link.inbox import Inbox, Received
+from edge.link.profile import MAX_MESSAGE_BYTES
 
 RATE_HZ: Final = 1000.0  # messages a second and key: a 30 Hz recording played at 30 times its speed
 BURST: Final = 2000.0  # messages a key may send at once: what a link held back while it was cut

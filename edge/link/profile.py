@@ -3,7 +3,7 @@
 The defaults of the library suit a laboratory: it looks for neighbours by multicast, gossips, shares memory (1.66 GB for
 100 sessions), believes a dead link for 10 s and accepts messages of 1 GiB. Here nothing is found that was not named,
 and a link that is dead is known to be so within 4 s. There are two profiles: with `tls`, everybody proves who he is and
-may say only what the site's list allows (edge/link_access.py); without, anybody on the network can add an aircraft, so
+may say only what the site's list allows (edge/link/access.py); without, anybody on the network can add an aircraft, so
 that listens on loopback only, unless `insecure` says in so many words that it may not.
 """
 
@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 import zenoh
 
-from edge.link_access import access_control, load_access
+from edge.link.access import access_control, load_access
 
 Endpoint = Annotated[str, msgspec.Meta(pattern=r"^(tcp|tls|quic)/.+:\d{1,5}(#.+)?$")]
 
