@@ -3,18 +3,21 @@
 #
 #   rehearse.sh BUNDLE [edge|base] [FOLDER]      as root; needs debootstrap, and the internet once for the Debian root
 #
-# FOLDER (default /var/tmp/skyfix-rehearsal) keeps the Debian root for the next time.
+# FOLDER (default /var/tmp/skyfix-rehearsal) keeps the Debian root for the next time. For a Raspberry Pi's processor on
+# another machine set ARCH=arm64; that needs qemu-user-static and takes ten times as long.
 set -euo pipefail
 
 bundle=${1:?give the bundle: make bundle} role=${2:-edge} folder=${3:-/var/tmp/skyfix-rehearsal}
 here=$(cd "$(dirname "$0")" && pwd)
-if [ ! -e "$folder/debian/.done" ]; then
+arch=${ARCH:-$(dpkg --print-architecture)}
+root=$folder/debian-$arch
+if [ ! -e "$root/.done" ]; then
     mkdir -p "$folder"
-    debootstrap --variant=minbase --include=python3,chrony bookworm "$folder/debian" https://deb.debian.org/debian
-    touch "$folder/debian/.done"
+    debootstrap --arch="$arch" --variant=minbase --include=python3,chrony bookworm "$root" https://deb.debian.org/debian
+    touch "$root/.done"
 fi
 rm -rf "$folder/try"
-cp -a "$folder/debian" "$folder/try"
+cp -a "$root" "$folder/try"
 cp "$bundle" "$folder/try/root/bundle.tar"
 cp "$here/install.sh" "$folder/try/root/"
 # No network, no environment, nothing mounted but /proc.
@@ -27,4 +30,4 @@ unshare --net --mount --pid --fork env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin bas
     chroot '$folder/try' /root/install.sh uninstall --purge
     chroot '$folder/try' test ! -e /opt/skyfix
 "
-echo "rehearsed: $role"
+echo "rehearsed: $role on $arch"
