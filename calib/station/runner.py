@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 
 WAIT_S: Final = 0.02  # the longest the loop sleeps
 PICTURES: Final = 64  # waiting: one of each of twice as many cameras as there may be
-LATE_A_TURN: Final = 4  # rows of history written between two looks at what is live
+LATE_A_TURN: Final = 20  # rows of history written between two looks at what is live
 QUEUE: Final = 4096  # messages waiting: more than a second of 100 cameras
 LATENCIES: Final = 2000  # messages looked back on for latency
 SYNCED_S: Final = 0.02  # a clock bound good enough to be called synchronised: 0.4 m at 20 m/s
