@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.geodesy import Origin, ecef_to_enu
 from edge.lens import Array
@@ -61,8 +62,7 @@ def score(positions: Sequence[Position], flights: Sequence[Flight], start_unix_n
     if not positions:
         return Score((), (), None)
     error = errors_m(positions, flights, start_unix_ns, origin)
-    track = np.array([position.track for position in positions])
-    owner = {number: _owner(error[track == number]) for number in np.unique(track).tolist()}
+    track, owner = _owners(positions, error)
     scores = []
     for k, flight in enumerate(flights):
         rows = np.array([owner[number] == k for number in track.tolist()])
@@ -77,14 +77,18 @@ def followed_m(positions: Sequence[Position], error: Array) -> Array:
     error: (N, objects) m, of `errors_m`. A track whose object has landed is infinitely far from it, however near
     another flies.
     """
-    track = np.array([position.track for position in positions], int)
+    track, owners = _owners(positions, error)
     found: Array = error.min(axis=1, initial=np.inf)
-    for number in np.unique(track).tolist():
-        rows = track == number
-        owner = _owner(error[rows])
+    for number, owner in owners.items():
         if owner is not None:
-            found[rows] = error[rows, owner]
+            found[track == number] = error[track == number, owner]
     return found
+
+
+def _owners(positions: Sequence[Position], error: Array) -> tuple[NDArray[np.int64], dict[int, int | None]]:
+    """The track (N,) of each position, and the object that each track follows."""
+    track = np.array([position.track for position in positions], np.int64)
+    return track, {number: _owner(error[track == number]) for number in np.unique(track).tolist()}
 
 
 def _owner(error: Array) -> int | None:

@@ -137,19 +137,18 @@ def read_clip(folder: Path, clip: str, random: np.random.Generator) -> Material:
 
 def take(material: Material, stack: list[Grey], objects: list[Loose], random: np.random.Generator) -> None:
     """Add to `material` what one labelled stack holds: a patch and a cut-out per object, and some background."""
-    tight = []
+    tight: list[Box | None] = []
     for thing in objects:
         cutouts = tuple(lift(grey, box) if box else None for grey, box in zip(stack, thing.boxes, strict=True))
         found = tuple(cutout for cutout in cutouts if cutout is not None)
         if len(found) == len(cutouts):
             material.cutouts.append((found, thing.label))
         if thing.boxes[0] is not None:
-            tight.append((thing, tighten(thing.boxes[0], cutouts[0], stack[0], thing.label)))
-    boxes = [box for _, box in tight if box is not None]
-    for _, box in tight:
-        if box is not None:
-            others = [other for other in boxes if other is not box]
-            material.patches.append(_patch(stack, box, others, random))
+            tight.append(tighten(thing.boxes[0], cutouts[0], stack[0], thing.label))
+    boxes = [box for box in tight if box is not None]
+    for box in boxes:
+        others = [other for other in boxes if other is not box]
+        material.patches.append(_patch(stack, box, others, random))
     for lowest_of in BACKGROUNDS:
         loose = [thing.boxes[0] for thing in objects if thing.boxes[0] is not None]
         background = _background(stack, loose, lowest_of, random)
