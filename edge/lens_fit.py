@@ -48,6 +48,15 @@ class LensFit:
 
 
 @dataclass(frozen=True)
+class _Calibration:
+    """What OpenCV gives: the camera matrix (3, 3), the coefficients, and the turn and shift (3,) of every view."""
+
+    matrix: Array
+    distortion: Array
+    poses: list[tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
 class _Fit:
     lens: LensModel
     view_rms: Array
@@ -112,51 +121,60 @@ def _choose(views: Sequence[View], size_px: tuple[int, int], model: Model) -> in
 
 
 def _calibrate(views: Sequence[View], size_px: tuple[int, int], model: Model, coefficients: int) -> _Fit:
-    """Zhang's method by OpenCV; the residuals are taken again with our own lens model."""
+    """Zhang's method by OpenCV; the residuals are taken again with our own lens model.
+
+    Each in the pose of the fit, from the board to the picture: while a bad picture is still among them the fitted lens
+    may be one that has no ray for a good one's corners, and the good one would be blamed.
+    """
     try:
-        matrix, distortion = (_fisheye if model == "fisheye" else _radtan)(views, size_px, coefficients)
+        found = (_fisheye if model == "fisheye" else _radtan)(views, size_px, coefficients)
     except cv2.error as error:
         action = "take more pictures, with the board tilted and nearer the corners"
         raise LensError(
             f"the fit does not converge ({error.err})", where="pictures of the board", action=action
         ) from error
-    intrinsics = (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
-    lens = LensModel(model, tuple(map(float, intrinsics)), tuple(map(float, distortion)), size_px)  # type: ignore[arg-type]
-    return _Fit(lens, np.array([view_rms(lens, view) for view in views]))
+    intrinsics = (found.matrix[0, 0], found.matrix[1, 1], found.matrix[0, 2], found.matrix[1, 2])
+    lens = LensModel(model, tuple(map(float, intrinsics)), tuple(map(float, found.distortion)), size_px)  # type: ignore[arg-type]
+    return _Fit(lens, np.array([_rms(lens, view, *pose) for view, pose in zip(views, found.poses, strict=True)]))
 
 
-def _radtan(views: Sequence[View], size_px: tuple[int, int], coefficients: int) -> tuple[Array, Array]:
+def _radtan(views: Sequence[View], size_px: tuple[int, int], coefficients: int) -> _Calibration:
     boards = [view.board_mm.astype(np.float32) for view in views]
     corners = [view.image_px.astype(np.float32) for view in views]
-    _, matrix, distortion, _, _ = cv2.calibrateCamera(
-        boards,
-        corners,
-        size_px,
-        None,
-        None,
-        flags=RADTAN_FLAGS[coefficients],
-    )
-    return np.asarray(matrix, float), np.asarray(distortion, float).ravel()[:coefficients]
+    fitted = cv2.calibrateCamera(boards, corners, size_px, None, None, flags=RADTAN_FLAGS[coefficients])
+    _, matrix, distortion, turns, shifts = fitted
+    return _calibration(matrix, np.asarray(distortion).ravel()[:coefficients], turns, shifts)
 
 
-def _fisheye(views: Sequence[View], size_px: tuple[int, int], _: int) -> tuple[Array, Array]:
+def _fisheye(views: Sequence[View], size_px: tuple[int, int], _: int) -> _Calibration:
     boards = [view.board_mm.reshape(1, -1, 3) for view in views]
     corners = [view.image_px.reshape(1, -1, 2) for view in views]
     guess = np.array([[size_px[0] / 3, 0, size_px[0] / 2], [0, size_px[0] / 3, size_px[1] / 2], [0, 0, 1.0]])
     flags = FISHEYE_FLAGS | cv2.CALIB_USE_INTRINSIC_GUESS
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9)
     fitted = cv2.fisheye.calibrate(boards, corners, size_px, guess, np.zeros(4), flags=flags, criteria=criteria)
-    return np.asarray(fitted[1], float), np.asarray(fitted[2], float).ravel()
+    return _calibration(*fitted[1:])
 
 
-def view_rms(lens: LensModel, view: View) -> float:
-    """How well a lens explains one view, its pose fitted: rms distance of the corners in pixels."""
+def _calibration(matrix: object, distortion: object, turns: Sequence[object], shifts: Sequence[object]) -> _Calibration:
+    turned, shifted = ([np.asarray(each, float).ravel() for each in vectors] for vectors in (turns, shifts))
+    poses = list(zip(turned, shifted, strict=True))
+    return _Calibration(np.asarray(matrix, float), np.asarray(distortion, float).ravel(), poses)
+
+
+def _held_out_rms(lens: LensModel, view: View) -> float:
+    """How well a lens explains a view it was not fitted to, its pose alone fitted: rms distance of the corners, px."""
     # The corners' rays make it a pinhole problem; where the lens has no ray for a corner, it explains nothing.
     rays = pixel_to_ray(lens, view.image_px)
     if not np.isfinite(rays).all():
         return float("inf")
     _, turn, shift = cv2.solvePnP(view.board_mm, rays, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_ITERATIVE)
-    in_camera = view.board_mm @ np.asarray(cv2.Rodrigues(turn)[0]).T + np.asarray(shift).ravel()
+    return _rms(lens, view, np.asarray(turn, float), np.asarray(shift, float).ravel())
+
+
+def _rms(lens: LensModel, view: View, turn: Array, shift: Array) -> float:
+    """Rms distance of a view's corners, px, from where a lens sees those of a board turned (Rodrigues) and shifted."""
+    in_camera = view.board_mm @ np.asarray(cv2.Rodrigues(turn)[0]).T + shift
     off = ray_to_pixel(lens, in_camera[:, :2] / in_camera[:, 2:]) - view.image_px
     return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
@@ -172,7 +190,7 @@ def _cross_validate(
         kept = [view for k, view in enumerate(views) if k % folds != fold]
         fit = _calibrate(kept, size_px, model, coefficients)
         fits.append(fit.lens.intrinsics[:2])
-        held_out += [view_rms(fit.lens, view) for k, view in enumerate(views) if k % folds == fold]
+        held_out += [_held_out_rms(fit.lens, view) for k, view in enumerate(views) if k % folds == fold]
     focal = np.array(fits)
     variance = (folds - 1) / folds * np.sum((focal - focal.mean(axis=0)) ** 2, axis=0)
     return float(np.sqrt(np.mean(np.square(held_out)))), float(np.sqrt(variance.max()))
