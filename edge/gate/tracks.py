@@ -165,7 +165,7 @@ class TrackGate:
 
     def _is_clutter(self, track: Track) -> bool:
         """An old track not believed, hardly seen any more, or that rests among clutter or without having flown far."""
-        if not track.confirmed or track.mean_score(track.places[0].t_unix_ns) < SCORE_KEPT * self._score_least:
+        if not track.confirmed or track.usual_score() < SCORE_KEPT * self._score_least:
             return True
         moved_px, least_px = track.moved_px(track.places[0].t_unix_ns), self._config.moved_min_px
         if track.reach_px < FLOWN * least_px and moved_px < least_px:
