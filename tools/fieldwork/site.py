@@ -152,6 +152,11 @@ class Site:
         """(camera, epoch, seq) of all that the boxes made, over all their runs."""
         return {(camera, epoch, seq) for camera, epoch, seq, _, _ in self._box_lines()}
 
+    def made_between(self, begin_unix_s: float, end_unix_s: float, of: str) -> Made:
+        """As `made`, but only what one camera saw in a stretch of time."""
+        lines = [line for line in self._box_lines() if line[0] == of]
+        return {(of, epoch, seq) for _, epoch, seq, stamp, _ in lines if begin_unix_s <= stamp * 1e-9 < end_unix_s}
+
     def lateness_s(self, begin_unix_s: float, end_unix_s: float, of: str = "cam") -> list[float]:
         """By how much the boxes, or one of them, were late with each frame that was due in a stretch of time."""
         lines = [line for line in self._box_lines() if line[0].startswith(of)]
