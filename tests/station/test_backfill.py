@@ -108,6 +108,31 @@ def test_what_is_gone_is_counted_and_not_asked_again() -> None:
     assert backfill._missing["cam0"] == [Gap(1, 8, 9)]
 
 
+def test_what_still_waits_to_be_recorded_is_not_remembered(tmp_path: Path) -> None:
+    """A station too busy to write is killed: what it had fetched and not written must be asked for again."""
+    memory = tmp_path / "memory.json"
+    backfill = Backfill(Link(LinkSettings()), SITE, memory)
+    backfill._missing["cam0"] = [Gap(1, 0, 9)]
+    backfill._accept("cam0", Gap(1, 0, 9), Received(KEY, answer(0, 9, *range(10)), 0))
+    for left in (10, 1):
+        backfill.late.drain(10 - left)
+        backfill._save()
+        backfill._save()  # a save is of the state at the save before
+        assert lacking_after_restart(memory) == [Gap(1, 0, 9)]
+    backfill.late.drain()
+    backfill._save()
+    assert lacking_after_restart(memory) == [Gap(1, 0, 9)], "written this instant, not yet on the disk"
+    backfill._save()
+    assert lacking_after_restart(memory) == []
+
+
+def lacking_after_restart(memory: Path) -> list[Gap]:
+    ledger = Backfill(Link(LinkSettings()), SITE, memory)._ledger
+    inventory = [SpooledEpoch(epoch=1, first_seq=0, last_seq=9, rows=10)]
+    ledger.gaps("cam0", inventory)
+    return ledger.gaps("cam0", inventory)
+
+
 def test_nothing_is_fetched_while_nothing_is_recorded(rooms: tuple[Link, Spool], until: Callable[..., bool]) -> None:
     base, spool = rooms
     keep(spool, range(20))

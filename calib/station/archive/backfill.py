@@ -161,7 +161,8 @@ class Backfill(OwnThread):
             self._counts["refused"] += 1
 
     def _save(self) -> None:
-        if self._memory is None:
+        """Not while rows wait to be recorded: what is killed before it wrote them must not remember to have them."""
+        if self._memory is None or len(self.late) > 0:
             return
         with self._lock:
             previous, self._to_save = self._to_save, self._ledger.to_json()
