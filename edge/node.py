@@ -22,6 +22,7 @@ from edge.link.health import LinkHealth
 from edge.link.link import Link
 from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Tracks, camera_key, encode
+from edge.own_thread import give_way_soon
 from edge.systemd_notify import Notifier
 from edge.temperature import check_temperature
 from edge.thumbnail import focus_score, thumbnail
@@ -93,6 +94,7 @@ class Node:
 
     def run(self) -> bool:
         """Say how things are once a second until told to stop or nothing is left to do; whether all went well."""
+        give_way_soon()
         self._notifier.ready()
         while not self._stop.is_set() and not all(worker.finished for worker in self.workers):
             self._report()

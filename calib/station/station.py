@@ -18,6 +18,7 @@ from typing import Final
 from calib.station.config import BaseConfig
 from calib.station.runner import Runner
 from calib.station.worker import LIVE, Solver
+from edge.own_thread import give_way_soon
 from edge.systemd_notify import Notifier
 
 log = logging.getLogger(__name__)
@@ -30,6 +31,7 @@ def run(config: BaseConfig, folder: Path, solver: Solver | str = LIVE, stop: thr
     stopping = stop or threading.Event()
     if stop is None:
         _on_signals(stopping.set)
+    give_way_soon()
     with ExitStack() as stack:
         runner = Runner(config, folder, stack, solver)
         log.info("site %s, start %d, listening on %s", config.site.name, runner.epoch, config.link.listen)

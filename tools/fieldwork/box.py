@@ -23,6 +23,7 @@ from edge.link.link import Link
 from edge.link.profile import LinkSettings, TlsSettings
 from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Detection, Lens, Tracks, camera_key, encode
+from edge.own_thread import give_way_soon
 
 PAUSE_NS = 10**9  # between the flight's end and its next beginning
 
@@ -154,4 +155,5 @@ if __name__ == "__main__":
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
+    give_way_soon()  # as edge-node does
     play(_options(), stopping)
