@@ -13,8 +13,9 @@ from tools.bench.detection import from_zero
 from tools.scoring.detections import Boxes
 from tools.train.backdrops import foliage, sky
 from tools.train.camera import code_differences
-from tools.train.compose import CROP_PX, MAX_BOXES, Composer, Mix, crop
+from tools.train.compose import BOX_VALUES, CROP_PX, MAX_BOXES, Composer, Mix, crop
 from tools.train.footage import (
+    PATCH_PX,
     SMALLEST_PX,
     Loose,
     Material,
@@ -29,6 +30,7 @@ from tools.train.paste import Look, Pose, lay
 from tools.train.patches import UNKNOWN_CLASS, Box, Cutout, Patch, flies, lift
 from tools.train.rendered import FIRST_TEST_SEED, render_material, scene, stacks
 from tools.train.silhouettes import MODELS, draw
+from tools.train.visible import visible
 from tools.train.yolo import all_classes, read_folder, read_names
 
 SKY_GREY = 150.0
@@ -62,6 +64,47 @@ def test_a_patch_is_scaled_by_the_object_and_not_by_its_loose_label() -> None:
     assert len(widths) == 40
     assert min(widths) > 0.9 * SMALLEST_PX  # a tenth for the rounding of the patch's side
     assert min(widths) < 0.8 * max(widths)
+
+
+@pytest.mark.parametrize(("contrast", "seen"), [(0, 0), (16, 1)])
+def test_an_object_is_visible_by_its_contrast(contrast: int, seen: int) -> None:
+    random = np.random.default_rng(8)
+    found = []
+    for _ in range(300):
+        stack = random.normal(SKY_GREY, 2.0, (40, 40, 3))
+        stack[19:21, 20:22] -= contrast  # 8 sigma on each of 4 px
+        found.append(visible(np.asarray(stack, np.uint8), Box(20.5, 19.5, 2, 2, 0, 1.0)))
+    # Noise alone was measured to reach it in 1 of 50; 300 draws scatter by 0.01.
+    assert abs(np.mean(found) - seen) < 0.05
+
+
+def test_one_pixel_on_a_clean_sky_is_visible_and_what_moves_among_leaves() -> None:
+    clean = np.full((40, 40, 3), 150, np.uint8)
+    clean[20, 20] -= 12
+    assert visible(clean, Box(20, 20, 1, 1, 0, 1.0))
+    leaves = np.repeat(np.random.default_rng(3).integers(0, 255, (40, 40, 1), np.uint8), 3, axis=2)
+    assert not visible(leaves, Box(20, 20, 2, 2, 0, 1.0))
+    leaves[20, 20, 0] ^= 128
+    assert visible(leaves, Box(20, 20, 2, 2, 0, 1.0))
+
+
+def test_a_small_object_is_drawn_as_sharp_as_pixels_are() -> None:
+    square = Cutout(np.ones((8, 8), np.float32), np.full((8, 8), 50, np.float32), (3.5, 3.5), (8, 8), (0, 0))
+    drawn = np.full((20, 20), 150, np.float32)
+    lay(drawn, square, Pose(np.array([10.0, 10.0]), (1 / 8, 1 / 8), np.zeros(2)), Look(1, 1, 0))
+    # One pixel wide, on a pixel: half of its 100 grey levels at least stay there, whatever it was drawn from.
+    assert drawn[10, 10] < 100
+    assert (150 - drawn).sum() == pytest.approx(100, rel=0.15)
+
+
+def test_half_of_the_crops_are_taken_pixel_for_pixel() -> None:
+    stack = np.random.default_rng(5).integers(0, 255, (PATCH_PX, PATCH_PX, 3), np.uint8)
+    values = {tuple(pixel) for pixel in stack.reshape(-1, 3).tolist()}
+    exact = 0
+    for seed in range(40):
+        image, _ = crop(stack, (), np.random.default_rng(seed))
+        exact += all(tuple(pixel) in values for pixel in image.reshape(-1, 3).tolist())
+    assert 10 <= exact <= 30  # 20 +- 3 sigma
 
 
 def test_nothing_is_lifted_where_there_is_nothing_or_no_plain_sky() -> None:
@@ -123,7 +166,7 @@ def test_empty_samples_are_empty_and_others_are_not() -> None:
     something = Composer(material, 1, Mix(empty=0.0)).batch(20)[1]
     assert not nothing.any()
     assert something[:, 0, 7].all()
-    assert something.shape == (20, MAX_BOXES, 8)
+    assert something.shape == (20, MAX_BOXES, BOX_VALUES)
     assert (something[..., 4] >= UNKNOWN_CLASS).all()
 
 

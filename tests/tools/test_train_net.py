@@ -32,7 +32,7 @@ def test_cells_keep_every_pixel_where_it_was() -> None:
 
 def test_a_perfect_answer_costs_least() -> None:
     boxes = torch.zeros(1, MAX_BOXES, BOX_VALUES)
-    boxes[0, 0] = torch.tensor([21.3, 34.8, 6.0, 4.0, 2.0, 1.0, 1.0, 1.0])
+    boxes[0, 0] = torch.tensor([21.3, 34.8, 6.0, 4.0, 2.0, 1.0, 1.0, 1.0, 1.0])
     raw = torch.zeros(1, 10, 16, 16)
     raw[:, 0] = -9
     raw[0, 0, 8, 5] = 9
@@ -53,10 +53,21 @@ def test_a_perfect_answer_costs_least() -> None:
 
 def test_a_loose_label_teaches_no_centre() -> None:
     boxes = torch.zeros(1, MAX_BOXES, BOX_VALUES)
-    boxes[0, 0] = torch.tensor([21.3, 34.8, 6.0, 4.0, 2.0, 0.0, 0.0, 1.0])
+    boxes[0, 0] = torch.tensor([21.3, 34.8, 6.0, 4.0, 2.0, 0.0, 0.0, 1.0, 1.0])
     found = losses(torch.randn(1, 10, 16, 16), boxes)
     assert float(found.centre) == float(found.size) == float(found.label) == 0
     assert float(found.heat) > 0
+
+
+def test_what_cannot_be_seen_is_neither_object_nor_background() -> None:
+    boxes = torch.zeros(1, MAX_BOXES, BOX_VALUES)
+    boxes[0, 0] = torch.tensor([21.3, 34.8, 6.0, 4.0, 2.0, 1.0, 1.0, 1.0, 0.0])
+    raw = torch.zeros(1, 10, 16, 16, requires_grad=True)
+    losses(raw, boxes).total().backward()
+    taught = raw.grad.abs().sum(dim=1)[0] > 0
+    assert not taught[7:10, 4:7].any(), "the object's own cell (8, 5) and those about it"
+    taught[6:11, 3:8] = True
+    assert taught.all(), "the rest is background"
 
 
 def test_sigma_is_brought_to_the_truth() -> None:

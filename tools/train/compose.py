@@ -8,27 +8,30 @@ lens in a tenth of a second is no aircraft.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, TypeVar
 
 import cv2
 import numpy as np
 
+from edge.detector.magnify import MAGNIFIED, enlarged
 from tools.train.backdrops import foliage, sky
 from tools.train.camera import expose, noise
 from tools.train.footage import Material
 from tools.train.paste import Pose, Vector, insect_velocity, lay, velocity, visible_look
 from tools.train.patches import CLASSES, UNKNOWN_CLASS, Box, Cutout, Floats, Grey
 from tools.train.silhouettes import draw
+from tools.train.visible import visible
 
 CROP_PX: Final = 80  # larger than the 64 px crops of the box, so that most cells see no border
 MAX_BOXES: Final = 4
-BOX_VALUES: Final = 8
+BOX_VALUES: Final = 9
 DRAWN: Final = 1500  # silhouettes drawn beforehand; drawing one costs as much as ten samples
 DRAWN_SHARE: Final = (0.25, 0.2, 0.2, 0.2, 0.15)  # of drones, birds, aeroplanes, helicopters, specks
-SMALLEST_PX: Final = 2.0
+SMALLEST_PX: Final = 1.5
 LARGEST_PX: Final = 44.0  # of a pasted object's longer side: beyond it a 64 px crop holds no background
 LARGEST_ZOOM: Final = 1.3  # of a cut-out: enlarged more, it is softer than anything a lens makes
+AS_IT_IS: Final = 0.5  # of the windows cut out: those neither zoomed nor shifted by parts of a pixel
 APART_PX: Final = 8  # between two objects: closer, they share a peak of the net
 TEXTURE_PX: Final = 10  # about a place: where the background's scatter is measured
 LEAFY: Final = 15.0  # grey levels of scatter among which an object is twice SMALLEST_PX at least
@@ -50,6 +53,8 @@ class Mix:
     empty: float = 0.45  # of the backgrounds
     second: float = 0.15  # of the patches: those that get another object
     insects: float = 0.12  # of all samples: those that an insect or two fly through
+    as_filmed: float = 0.4  # of the patches: those that have their camera's faults and no more
+    magnified: float = 0.3  # of the samples without a large object: those seen as the box sees what is small
     spot: float = 0.6  # of the backgrounds with a known worst place: those cut out about it
 
 
@@ -77,7 +82,7 @@ class Composer:
     def batch(self, count: int) -> tuple[Grey, Floats]:
         """`(B, S, S, 3)` stacks and `(B, MAX_BOXES, BOX_VALUES)` boxes.
 
-        Values of a box: x, y, width, height px, class, exact, telling, present.
+        Values of a box: x, y, width, height px, class, exact, telling, present, visible.
         """
         stacks = np.empty((count, CROP_PX, CROP_PX, 3), np.uint8)
         boxes = np.zeros((count, MAX_BOXES, BOX_VALUES), np.float32)
@@ -85,7 +90,8 @@ class Composer:
             stacks[k], found = self.sample()
             for m, box in enumerate(found[:MAX_BOXES]):
                 size = (box.width_px, box.height_px)
-                boxes[k, m] = box.x_px, box.y_px, *size, box.label, box.exact, box.telling, 1
+                seen = visible(stacks[k], box)
+                boxes[k, m] = box.x_px, box.y_px, *size, box.label, box.exact, box.telling, 1, seen
         return stacks, boxes
 
     def sample(self) -> tuple[Grey, list[Box]]:
@@ -93,7 +99,8 @@ class Composer:
         kind = self.random.random()
         sigma = noise(self.random)
         boxes: list[Box] = []
-        if kind < self.mix.patch and self.patches:
+        filmed = kind < self.mix.patch and bool(self.patches)
+        if filmed:
             patch = _pick(self.patches, self.random)
             image, boxes = crop(patch.stack, patch.boxes, self.random)
             pastes = int(self.random.random() < self.mix.second)
@@ -105,7 +112,16 @@ class Composer:
             self._paste(image, boxes, sigma)
         if self.random.random() < self.mix.insects:
             self._insects(image, sigma)
-        return expose(image, sigma, self.random), boxes
+        stack = self._taken(image, sigma, filmed=filmed)
+        if self.random.random() < self.mix.magnified and all(_side(box) <= LARGEST_PX / MAGNIFIED for box in boxes):
+            return magnify(stack, boxes, self.random)
+        return stack, boxes
+
+    def _taken(self, image: Floats, sigma: float, *, filmed: bool) -> Grey:
+        """The picture a camera takes of it; what was filmed has a camera's faults already and may get no more."""
+        if filmed and self.random.random() < self.mix.as_filmed:
+            return np.clip(image + 0.5, 0, 255).astype(np.uint8)
+        return expose(image, sigma, self.random)
 
     def _background(self) -> Floats:
         k = int(np.searchsorted(self._background_share, self.random.random() * self._background_share[-1]))
@@ -163,7 +179,9 @@ def crop(
     stack: Grey, boxes: Sequence[Box], random: np.random.Generator, about: Floats | None = None
 ) -> tuple[Floats, list[Box]]:
     """A flipped, slightly zoomed CROP_PX window that holds the first box, or else the place `about`, or any."""
-    zoom = random.uniform(0.8, 1.2)
+    # As often as not as it is, pixel for pixel: any other way softens what is one pixel wide.
+    as_it_is = random.random() < AS_IT_IS
+    zoom = 1.0 if as_it_is else random.uniform(0.8, 1.2)
     flip = -1.0 if random.random() < 0.5 else 1.0
     half = (CROP_PX - 1) / 2
     held = np.array([boxes[0].x_px, boxes[0].y_px]) if boxes else about
@@ -176,6 +194,8 @@ def crop(
     centre = (np.array(stack.shape[1::-1]) - 1) / 2
     free = np.maximum(centre - half / zoom, 0)
     u, v = np.clip(wanted, centre - free, centre + free)
+    if as_it_is:
+        u, v = np.floor(u) + 0.5, np.floor(v) + 0.5
     to_crop = np.array([[flip * zoom, 0, half - flip * zoom * u], [0, zoom, half - zoom * v]])
     image = cv2.warpAffine(stack, to_crop, (CROP_PX, CROP_PX), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     placed = []
@@ -185,6 +205,30 @@ def crop(
             size = (box.width_px * zoom, box.height_px * zoom)
             placed.append(Box(float(x), float(y), *size, box.label, box.exact, box.telling))
     return image.astype(np.float32), placed
+
+
+def magnify(stack: Grey, boxes: Sequence[Box], random: np.random.Generator) -> tuple[Grey, list[Box]]:
+    """A part of a picture, about its first object if it has one, enlarged as the box does it before its net looks."""
+    side = CROP_PX // MAGNIFIED
+    about = np.array([boxes[0].x_px, boxes[0].y_px]) if boxes else random.uniform(0, CROP_PX, 2)
+    u, v = (int(c) for c in np.clip(about - random.uniform(2, side - 2, 2), 0, CROP_PX - side))
+    moved = [
+        replace(
+            box,
+            x_px=(box.x_px - u + 0.5) * MAGNIFIED - 0.5,
+            y_px=(box.y_px - v + 0.5) * MAGNIFIED - 0.5,
+            width_px=box.width_px * MAGNIFIED,
+            height_px=box.height_px * MAGNIFIED,
+        )
+        for box in boxes
+        if u - 0.5 <= box.x_px < u + side - 0.5 and v - 0.5 <= box.y_px < v + side - 0.5
+    ]
+    return enlarged(np.ascontiguousarray(stack[v : v + side, u : u + side])), moved
+
+
+def _side(box: Box) -> float:
+    """The longer side of a box, px."""
+    return max(box.width_px, box.height_px)
 
 
 def _scatter(image: Floats, place: Vector) -> float:

@@ -18,6 +18,7 @@ BETA: Final = 0.5
 SMALLEST_SPREAD_CELLS: Final = 0.7  # of a peak: less would punish the cell next to the right one
 SPREAD_PER_SIZE: Final = 0.15  # cells of spread per cell of object size
 NEIGHBOUR_WEIGHT: Final = 0.25  # of the cells round the centre: the peak may fall one cell off
+HIDDEN_MARGIN_CELLS: Final = 1.5  # about an object that cannot be seen: its place is known no better
 LOG_SIGMA_RANGE: Final = (-4.0, 3.0)  # 0.02 to 20 px
 NOMINAL_LOG_SIZE: Final = 2.1  # log of 8 px: where a fresh net's sizes begin
 
@@ -45,15 +46,17 @@ def centres(raw: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def losses(raw: Tensor, boxes: Tensor) -> Losses:
-    """Losses of raw maps `(B, C, h, w)` against boxes `(B, M, 8)`.
+    """Losses of raw maps `(B, C, h, w)` against boxes `(B, M, 9)`.
 
-    Of a box: x, y, width, height px, class, exact, telling, present.
+    Of a box: x, y, width, height px, class, exact, telling, present, visible. What is there and cannot be seen is
+    taught as neither object nor background.
     """
-    heat, weight, owner = _targets(raw, boxes)
+    hidden = _about(raw, boxes, boxes[..., 7] * (1 - boxes[..., 8]))
+    heat, weight, owner = _targets(raw, torch.cat([boxes[..., :7], boxes[..., 7:8] * boxes[..., 8:]], dim=-1))
     chosen = torch.stack([boxes[..., k].gather(1, owner.flatten(1)).view_as(weight) for k in range(7)], dim=1)
     measured = weight * chosen[:, 5]
     return Losses(
-        heat=_focal(raw[:, 0], heat),
+        heat=_focal(raw[:, 0], heat, hidden),
         centre=_centre(raw, chosen[:, :2], measured),
         size=_size(raw[:, 3:5], chosen[:, 2:4], measured),
         label=_label(raw[:, OUTPUTS_BEFORE_CLASSES:], chosen[:, 4], weight * chosen[:, 6]),
@@ -77,11 +80,21 @@ def _targets(raw: Tensor, boxes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return best, weight, owner
 
 
-def _focal(logit: Tensor, heat: Tensor) -> Tensor:
+def _about(raw: Tensor, boxes: Tensor, which: Tensor) -> Tensor:
+    """`(B, h, w)` whether a cell is at or next to an object of those with `which` `(B, M)` set."""
+    rows, cols = raw.shape[2:]
+    v, u = torch.meshgrid(torch.arange(rows, device=raw.device), torch.arange(cols, device=raw.device), indexing="ij")
+    centre = (boxes[..., :2] + 0.5) / STRIDE - 0.5
+    reach = boxes[..., 2:4].amax(-1) / (2 * STRIDE) + HIDDEN_MARGIN_CELLS
+    away = (u - centre[..., 0, None, None]).abs().maximum((v - centre[..., 1, None, None]).abs())
+    return ((away <= reach[..., None, None]) & (which[..., None, None] > 0)).any(dim=1)
+
+
+def _focal(logit: Tensor, heat: Tensor, hidden: Tensor) -> Tensor:
     chance = torch.sigmoid(logit)
     peak = heat == 1
     found = functional.logsigmoid(logit) * (1 - chance) ** 2 * peak
-    empty = functional.logsigmoid(-logit) * chance**2 * (1 - heat) ** 4 * ~peak
+    empty = functional.logsigmoid(-logit) * chance**2 * (1 - heat) ** 4 * ~(peak | hidden)
     return -(found + empty).sum() / peak.sum().clamp(min=1)
 
 

@@ -14,6 +14,7 @@ STRONGEST_PUSH: Final = 60.0  # grey levels that a faint object is moved away fr
 FASTEST_PX: Final = 25.0  # per 100 ms: the 99th percentile of birds in 640 px footage
 FASTEST_LENGTHS: Final = 4.0  # of its own, per 100 ms: a small drone at 15 m/s
 INSECT_LENGTHS: Final = (6.0, 25.0)  # per 100 ms: what crosses so many is an insect near the lens
+FINE: Final = 2  # a pixel's parts along a side when an object is drawn
 SMEAR_STEPS: Final = (-0.5, 0.0, 0.5)  # places of an object during the exposure, as shares of the smear
 
 Vector = NDArray[np.float64]
@@ -69,8 +70,11 @@ class Pose:
 
 
 def lay(channel: Floats, view: Cutout, pose: Pose, look: Look) -> None:
-    """Blend a cut-out into a frame `(H, W)`, in place. Shrunk by area, so that no energy is lost or aliased."""
-    place, scale, smear = pose.place, pose.scale, pose.smear
+    """Blend a cut-out into a frame `(H, W)`, in place.
+
+    Drawn FINE times finer and averaged, as a pixel does it: nothing is aliased, and what is one pixel wide stays it.
+    """
+    place, scale, smear = pose.place, (pose.scale[0] * FINE, pose.scale[1] * FINE), pose.smear
     matte, paint, centre = view.matte, view.paint, np.array(view.centre_px)
     factor = max(int(1 / scale[1]), 1)
     if factor > 1:
@@ -78,19 +82,21 @@ def lay(channel: Floats, view: Cutout, pose: Pose, look: Look) -> None:
         centre = (centre + 0.5) / factor - 0.5
     x_scale, y_scale = scale[0] * factor, scale[1] * factor
     off_centre = max(abs(centre - np.array(matte.shape[::-1]) / 2))
-    reach = int(max(matte.shape) * y_scale / 2 + abs(smear).max() + 3 + off_centre)
+    reach = int(max(matte.shape) * y_scale / 2 / FINE + abs(smear).max() + 3 + off_centre)
     low = np.maximum(place.astype(int) - reach, 0)
     high = np.minimum(place.astype(int) + reach + 2, channel.shape[::-1])
     if (high <= low).any():
         return
     size = (int(high[0] - low[0]), int(high[1] - low[1]))
+    fine_px = (size[0] * FINE, size[1] * FINE)
     steps = SMEAR_STEPS if smear.any() else (0.0,)
-    cover, ink = np.zeros(size[::-1], np.float32), np.zeros(size[::-1], np.float32)
+    cover, ink = np.zeros(fine_px[::-1], np.float32), np.zeros(fine_px[::-1], np.float32)
     for step in steps:
-        x, y = place + step * smear - low
+        x, y = (place + step * smear - low + 0.5) * FINE - 0.5
         move = np.array([[x_scale, 0, x - x_scale * centre[0]], [0, y_scale, y - y_scale * centre[1]]])
-        cover += cv2.warpAffine(matte, move, size) / len(steps)
-        ink += cv2.warpAffine(paint, move, size) / len(steps)
+        cover += cv2.warpAffine(matte, move, fine_px) / len(steps)
+        ink += cv2.warpAffine(paint, move, fine_px) / len(steps)
+    cover, ink = (cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in (cover, ink))
     part = channel[low[1] : high[1], low[0] : high[0]]
     part += look.opacity * (ink * look.gain + cover * look.offset - cover * part)
 
