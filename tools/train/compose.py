@@ -120,7 +120,7 @@ class Composer:
     def _taken(self, image: Floats, sigma: float, *, filmed: bool) -> Grey:
         """The picture a camera takes of it; what was filmed has a camera's faults already and may get no more."""
         if filmed and self.random.random() < self.mix.as_filmed:
-            return np.clip(image + 0.5, 0, 255).astype(np.uint8)
+            return np.asarray(np.clip(image + 0.5, 0, 255), np.uint8)
         return expose(image, sigma, self.random)
 
     def _background(self) -> Floats:
