@@ -45,7 +45,6 @@ class Track:
     places: deque[Row] = field(default_factory=deque)
     waiting: list[Row] = field(default_factory=list)
     votes: list[float] = field(default_factory=list)
-    _scores: float = 0.0  # of all places kept: asked for in every frame of every track
 
     def __post_init__(self) -> None:
         self.u, self.v, self.t_unix_ns = self.last.u_px, self.last.v_px, self.last.t_unix_ns
@@ -86,9 +85,8 @@ class Track:
         self.best_score = max(self.best_score, row.score)
         self.reach_px = max(self.reach_px, math.hypot(row.u_px - self.birth_px[0], row.v_px - self.birth_px[1]))
         self.places.append(row)
-        self._scores += row.score
         while self.places[0].t_unix_ns < row.t_unix_ns - HISTORY_S * 1e9:
-            self._scores -= self.places.popleft().score
+            self.places.popleft()
         # A score is a weight: a sure look at the object says more about its class than a doubtful one.
         votes = [row.score * score for score in row.classes]
         self.votes = [a + b for a, b in zip(self.votes, votes, strict=True)] if self.votes else votes
@@ -102,9 +100,15 @@ class Track:
         scores = [row.score for row in self.places if row.t_unix_ns >= since_unix_ns]
         return sum(scores) / len(scores)
 
-    def usual_score(self) -> float:
-        """How sure its detector was of it over all that is kept of its past, on the average."""
-        return self._scores / len(self.places)
+    def late_score(self, span_s: float, fewest: int) -> float:
+        """The same over the last span_s, or over its `fewest` newest measurements if those go further back."""
+        oldest_unix_ns = self.t_unix_ns - span_s * 1e9
+        scores: list[float] = []
+        for row in reversed(self.places):
+            if row.t_unix_ns < oldest_unix_ns and len(scores) >= fewest:
+                break
+            scores.append(row.score)
+        return sum(scores) / len(scores)
 
     def lengths_s(self) -> float:
         """How many of its own lengths it goes a second: far away or near, that depends on what it is alone."""

@@ -34,7 +34,8 @@ ROUGH_SHARE: Final = 0.04  # of the net movement
 CLUTTER_FACTOR: Final = 4.0  # in a wholly cluttered place a track must move so many times further, and once more
 FLOWN: Final = 4.0  # times moved_min_px from where it began: what went so far once may hover, what did not may not
 CLUTTERED: Final = 0.3  # level of a place in which a believed track may not rest
-SCORE_KEPT: Final = 0.85  # of the score that makes a track believed: the least it must keep up over HISTORY_S
+SCORE_KEPT: Final = 0.85  # of the score that makes a track believed: the least it must keep up over KEPT_S
+KEPT_S: Final = 0.5  # s: a track that lost its object takes doubtful things for it; over 3 s that was 1 row in 30
 INSECT_LENGTHS_S: Final = 100.0  # of its own a second: a drone of 35 cm at 35 m/s; faster is an insect near the lens
 WAITING_S: Final = 1.0  # how much of its unbelieved past a track gives when it is believed
 SIZE_RATIO_MAX: Final = 3.0  # a box three times as large is another object
@@ -164,8 +165,9 @@ class TrackGate:
         self._tracks = kept
 
     def _is_clutter(self, track: Track) -> bool:
-        """An old track not believed, hardly seen any more, or that rests among clutter or without having flown far."""
-        if not track.confirmed or track.usual_score() < SCORE_KEPT * self._score_least:
+        """An old track not believed, hardly seen of late, or that rests among clutter or without having flown far."""
+        late_score = track.late_score(KEPT_S, self._config.confirm_hits)
+        if not track.confirmed or late_score < SCORE_KEPT * self._score_least:
             return True
         moved_px, least_px = track.moved_px(track.places[0].t_unix_ns), self._config.moved_min_px
         if track.reach_px < FLOWN * least_px and moved_px < least_px:

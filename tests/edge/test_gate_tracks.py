@@ -136,6 +136,18 @@ def test_a_track_that_is_hardly_seen_any_more_is_let_go_and_a_faint_one_is_kept(
         assert bool(last) == kept
 
 
+@pytest.mark.parametrize("fps", [5.0, 30.0])
+def test_a_track_that_lost_its_object_soon_stops_taking_doubtful_things_for_it(fps: float) -> None:
+    gate = TrackGate(SIZE, GateConfig(), USUAL)
+    lost, rows = round(5 * fps), []
+    for k, places in enumerate(flying(round(10 * fps), fps, speed=40.0)):
+        rows += [
+            row for row in gate.step(T0 + round(k / fps * 1e9), found(places, 0.7 if k < lost else 0.3)) if k >= lost
+        ]
+    # Its mean over half a second, or five looks, is below 0.85 * 0.45 when four fifths of them were doubtful.
+    assert 0 < len(rows) <= max(0.5 * fps, 5)
+
+
 @pytest.mark.parametrize(("size_px", "believed"), [(3.0, False), (12.0, True)])
 def test_what_is_small_and_very_fast_is_an_insect(size_px: float, believed: bool) -> None:
     gate, rows = TrackGate(SIZE, GateConfig(), USUAL), []
