@@ -6,12 +6,12 @@ from edge.capture.frame import Frame
 from edge.config import DetectorConfig
 from edge.detector.detections import Array, Detections
 from edge.detector.history import History
-from edge.detector.scan import padded_stack
+from edge.detector.look import look
 from edge.detector.skyfix import SCORE_USUAL, StackNet
 
 
 class FullScan:
-    """A skyfix model over each whole frame, at native resolution."""
+    """A skyfix model over each whole frame, at native resolution and, if it is small, enlarged."""
 
     colour = False
     remembers = True
@@ -28,9 +28,8 @@ class FullScan:
         """The objects in a frame; `expected_px` is not needed here."""
         self._frames += 1
         self._history.push(frame)
-        stack = padded_stack([frame.image, *self._history.past()], self._net.multiple_px)
-        found = self._net.run(stack, self._config.score_min)[0]
-        return found.where(np.argsort(-found.score, kind="stable")[: self._config.max_detections])
+        found = look(self._net, [frame.image, *self._history.past()], self._config.score_min)
+        return found.where(np.arange(min(len(found), self._config.max_detections)))
 
     def counters(self) -> dict[str, float]:
         """Frames looked at."""

@@ -11,11 +11,23 @@ import cv2
 import numpy as np
 
 from edge.capture.frame import Image
+from edge.detector.detections import Detections
 
-MAGNIFIED: Final = 2  # times; measured on training clips: a third of the size at a quarter of the contrast
+MAGNIFIED: Final = 2  # times: on training clips at a third of the size, recall at 0.1 false a frame .91 to .98
 
 
 def enlarged(image: Image) -> Image:
     """The image `(H, W)` or `(H, W, channels)` at MAGNIFIED times its size."""
     size = (image.shape[1] * MAGNIFIED, image.shape[0] * MAGNIFIED)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def reduced(found: Detections) -> Detections:
+    """What was found in an enlarged image, in pixels of the image."""
+    return Detections(
+        (found.centre_px + 0.5) / MAGNIFIED - 0.5,
+        found.size_px / MAGNIFIED,
+        found.score,
+        found.sigma_px / MAGNIFIED,
+        found.classes,
+    )

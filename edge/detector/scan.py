@@ -9,10 +9,10 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from edge.capture.frame import Image
 from edge.detector.detections import Array
+from edge.detector.look import padded_stack
 from edge.detector.skyfix import StackNet
 from edge.errors import ModelError
 
@@ -37,20 +37,6 @@ def _look(net: StackNet, images: list[Image], score_min: float) -> Array:
     found = net.run(padded_stack(images, net.multiple_px), score_min)[0]
     places: Array = np.column_stack([found.centre_px, found.size_px.max(axis=1, initial=0.0)])
     return places[np.argsort(-found.score, kind="stable")]
-
-
-def padded_stack(images: list[Image], multiple_px: int) -> NDArray[np.uint8]:
-    """Grey images as one `(1, H, W, len(images))`, sides filled up to what the network takes."""
-    stack: NDArray[np.uint8] = cv2.merge([_padded(image, multiple_px) for image in images])[None]
-    return stack
-
-
-def _padded(image: Image, multiple_px: int) -> Image:
-    down, right = -image.shape[0] % multiple_px, -image.shape[1] % multiple_px
-    if not (down or right):
-        return image
-    padded: Image = cv2.copyMakeBorder(image, 0, down, 0, right, cv2.BORDER_REPLICATE)
-    return padded
 
 
 class Scanner:

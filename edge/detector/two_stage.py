@@ -5,8 +5,6 @@ are cut at native resolution from now and the recent past, and judged in one bat
 replaced: a full scan only ever adds places to look at.
 """
 
-from typing import Final
-
 import numpy as np
 
 from edge.capture.frame import Frame, Image
@@ -14,12 +12,11 @@ from edge.config import DetectorConfig
 from edge.detector.crops import Crop, choose, cut, in_frame
 from edge.detector.detections import Array, Detections, nothing
 from edge.detector.history import History
+from edge.detector.look import SAME_OBJECT_IOU
 from edge.detector.motion import NO_BLOBS, MotionDetector
 from edge.detector.nms import suppress
 from edge.detector.scan import Scanner
 from edge.detector.skyfix import SCORE_USUAL, StackNet
-
-SAME_OBJECT_IOU: Final = 0.2  # one object in two crops overlaps itself by far more, two objects by less
 
 
 class TwoStage:

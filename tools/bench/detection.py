@@ -24,7 +24,7 @@ from edge.capture.frame import Frame, Image
 from edge.config import SHIPPED_MODEL, DetectorConfig, GateConfig
 from edge.detector import Detections, open_detector
 from edge.detector.detections import nothing
-from edge.detector.scan import padded_stack
+from edge.detector.look import look
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from edge.errors import SkyfixError, SourceError
@@ -86,7 +86,7 @@ def whole(video: Path, model: str, scale: float, every: int) -> Boxes:
             found.append(nothing(len(net.class_names)))
             continue
         images = [_scaled(grey, scale) for grey in stack]
-        found.append(net.run(padded_stack(images, net.multiple_px), LOWEST_SCORE)[0])
+        found.append(look(net, images, LOWEST_SCORE))
     return _boxes(found, scale)
 
 

@@ -1,0 +1,50 @@
+"""The network on whole pictures: small ones are seen twice, and every object is told once, where it is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge.detector import Detections
+from edge.detector.look import look
+from edge.detector.magnify import enlarged, reduced
+from edge.detector.session import open_model
+from edge.detector.skyfix import StackNet
+from tests.edge.footage import sky
+from tests.edge.onnx_models import dark_dot_model
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return dark_dot_model(tmp_path_factory.mktemp("model") / "dots.onnx")
+
+
+class Watched(StackNet):
+    """A net that keeps the sizes of the pictures it was shown."""
+
+    def run(self, stack: np.ndarray, score_min: float) -> list[Detections]:
+        self.shown = [*getattr(self, "shown", []), stack.shape[1:3]]
+        return super().run(stack, score_min)
+
+
+@pytest.mark.parametrize(("size", "looks"), [((640, 512), 2), ((1920, 1080), 1)])
+def test_a_small_picture_is_also_looked_at_enlarged(model: Path, size: tuple[int, int], looks: int) -> None:
+    net = Watched(open_model(model))
+    net.shown = []
+    found = look(net, [sky(size, [(200.0, 100.0)], np.random.default_rng(5))] * 3, 0.3)
+    assert len(net.shown) == looks
+    assert len(found) == 1, "one object, however often it was seen"
+    assert found.centre_px == pytest.approx(np.array([[200.0, 100.0]]), abs=1.6)
+
+
+def test_what_is_found_enlarged_is_where_it_was() -> None:
+    image = np.zeros((64, 64), np.uint8)
+    image[20:22, 30:32] = 255  # centre at 30.5, 20.5
+    larger = enlarged(image).astype(float)
+    v, u = np.indices(larger.shape)
+    centre = np.array([[(larger * u).sum(), (larger * v).sum()]]) / larger.sum()
+    size = np.array([[4.0, 4.0]])
+    back = reduced(Detections(centre, size, np.ones(1), np.array([0.5]), np.ones((1, 1))))
+    assert back.centre_px[0] == pytest.approx((30.5, 20.5), abs=0.02)  # what is cut off below black is lost
+    assert back.size_px[0] == pytest.approx((2.0, 2.0))
+    assert back.sigma_px[0] == pytest.approx(0.25)
