@@ -158,16 +158,22 @@ class TrackGate:
         kept = []
         for track in self._tracks:
             silent_s = (now_unix_ns - track.t_unix_ns) / 1e9
-            if now_unix_ns - track.born_unix_ns > UNMOVED_S * 1e9 and self._is_clutter(track):
+            if self._has_faded(track) or self._is_clutter(track, now_unix_ns):
                 self._clutter.add(track.last.u_px, track.last.v_px, now_unix_ns)
             elif silent_s <= (self._config.coast_max_s if track.confirmed else TENTATIVE_GAP_S):
                 kept.append(track)
         self._tracks = kept
 
-    def _is_clutter(self, track: Track) -> bool:
-        """An old track not believed, hardly seen of late, or that rests among clutter or without having flown far."""
-        late_score = track.late_score(KEPT_S, self._config.confirm_hits)
-        if not track.confirmed or late_score < SCORE_KEPT * self._score_least:
+    def _has_faded(self, track: Track) -> bool:
+        """A believed track whose object has gone: what it takes for it of late is doubtful."""
+        least = SCORE_KEPT * self._score_least
+        return track.confirmed and track.late_score(KEPT_S, self._config.confirm_hits) < least
+
+    def _is_clutter(self, track: Track, now_unix_ns: int) -> bool:
+        """An old track not believed, or that rests among clutter or without having flown far."""
+        if now_unix_ns - track.born_unix_ns <= UNMOVED_S * 1e9:
+            return False
+        if not track.confirmed:
             return True
         moved_px, least_px = track.moved_px(track.places[0].t_unix_ns), self._config.moved_min_px
         if track.reach_px < FLOWN * least_px and moved_px < least_px:
