@@ -150,7 +150,9 @@ class TrackGate:
         return (self._times[-1] - self._times[0]) / max(1, len(self._times) - 1)
 
     def _bridge(self, before: Row, after: Row) -> list[Row]:
-        if after.t_unix_ns - before.t_unix_ns > self._config.bridge_max_s * 1e9:
+        """Rows between two measurements, if they are near in time and neither is so doubtful that it may be a leap."""
+        doubtful = min(before.score, after.score) < SCORE_KEPT * self._score_least
+        if doubtful or after.t_unix_ns - before.t_unix_ns > self._config.bridge_max_s * 1e9:
             return []
         return interpolate(before, after, [t for t in self._times if before.t_unix_ns < t < after.t_unix_ns])
 

@@ -99,6 +99,16 @@ def test_short_gap_is_bridged_and_marked() -> None:
         assert row.sigma_px is None
 
 
+@pytest.mark.parametrize(("score", "bridged"), [(0.3, 0), (0.6, 9)])
+def test_a_gap_is_not_bridged_to_a_doubtful_look(score: float, bridged: int) -> None:
+    gate = TrackGate(SIZE, GateConfig(), USUAL)
+    rows = []
+    for k, places in enumerate(flying(120)):
+        seen = nothing(2) if 100 <= k < 109 else found(places, 0.7 if k < 100 else score)
+        rows += gate.step(T0 + round(k / 30 * 1e9), seen)
+    assert sum(row.status == "interpolated" for row in rows) == bridged
+
+
 def test_crossing_objects_keep_their_numbers() -> None:
     frames = [np.array([[300 + 4.0 * k, 400 + 1.0 * k], [700 - 4.0 * k, 395 + 1.2 * k]]) for k in range(100)]
     rows = run(frames)
