@@ -8,13 +8,12 @@ lens in a tenth of a second is no aircraft.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, TypeVar
 
-import cv2
 import numpy as np
 
-from edge.detector.magnify import MAGNIFIED, enlarged
+from edge.detector.magnify import MAGNIFIED
 from tools.train.backdrops import foliage, sky
 from tools.train.camera import expose, noise
 from tools.train.footage import Material
@@ -22,8 +21,8 @@ from tools.train.paste import Pose, Vector, insect_velocity, lay, velocity, visi
 from tools.train.patches import CLASSES, UNKNOWN_CLASS, Box, Cutout, Floats, Grey
 from tools.train.silhouettes import draw
 from tools.train.visible import visible
+from tools.train.windows import CROP_PX, crop, magnify
 
-CROP_PX: Final = 80  # larger than the 64 px crops of the box, so that most cells see no border
 MAX_BOXES: Final = 4
 BOX_VALUES: Final = 9
 DRAWN: Final = 1500  # silhouettes drawn beforehand; drawing one costs as much as ten samples
@@ -31,7 +30,6 @@ DRAWN_SHARE: Final = (0.25, 0.2, 0.2, 0.2, 0.15)  # of drones, birds, aeroplanes
 SMALLEST_PX: Final = 1.5
 LARGEST_PX: Final = 44.0  # of a pasted object's longer side: beyond it a 64 px crop holds no background
 LARGEST_ZOOM: Final = 1.3  # of a cut-out: enlarged more, it is softer than anything a lens makes
-AS_IT_IS: Final = 0.5  # of the windows cut out: those neither zoomed nor shifted by parts of a pixel
 APART_PX: Final = 8  # between two objects: closer, they share a peak of the net
 TEXTURE_PX: Final = 10  # about a place: where the background's scatter is measured
 LEAFY: Final = 15.0  # grey levels of scatter among which an object is twice SMALLEST_PX at least
@@ -173,57 +171,6 @@ class Composer:
         if self.random.random() < self.mix.drawn_cutout or not self.cutouts:
             return self.drawn[int(self.random.integers(len(self.drawn)))]
         return _pick(self.cutouts, self.random)
-
-
-def crop(
-    stack: Grey, boxes: Sequence[Box], random: np.random.Generator, about: Floats | None = None
-) -> tuple[Floats, list[Box]]:
-    """A flipped, slightly zoomed CROP_PX window that holds the first box, or else the place `about`, or any."""
-    # As often as not as it is, pixel for pixel: any other way softens what is one pixel wide.
-    as_it_is = random.random() < AS_IT_IS
-    zoom = 1.0 if as_it_is else random.uniform(0.8, 1.2)
-    flip = -1.0 if random.random() < 0.5 else 1.0
-    half = (CROP_PX - 1) / 2
-    held = np.array([boxes[0].x_px, boxes[0].y_px]) if boxes else about
-    if held is not None:
-        reach = CROP_PX / 2 - 3
-        wanted = held + random.uniform(-reach, reach, 2) / zoom
-    else:
-        wanted = random.uniform(0, stack.shape[1::-1])
-    # Kept inside the patch where it can be: beyond its border everything is made up.
-    centre = (np.array(stack.shape[1::-1]) - 1) / 2
-    free = np.maximum(centre - half / zoom, 0)
-    u, v = np.clip(wanted, centre - free, centre + free)
-    if as_it_is:
-        u, v = np.floor(u) + 0.5, np.floor(v) + 0.5
-    to_crop = np.array([[flip * zoom, 0, half - flip * zoom * u], [0, zoom, half - zoom * v]])
-    image = cv2.warpAffine(stack, to_crop, (CROP_PX, CROP_PX), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    placed = []
-    for box in boxes:
-        x, y = to_crop @ [box.x_px, box.y_px, 1]
-        if 0 <= x < CROP_PX and 0 <= y < CROP_PX:
-            size = (box.width_px * zoom, box.height_px * zoom)
-            placed.append(Box(float(x), float(y), *size, box.label, box.exact, box.telling))
-    return image.astype(np.float32), placed
-
-
-def magnify(stack: Grey, boxes: Sequence[Box], random: np.random.Generator) -> tuple[Grey, list[Box]]:
-    """A part of a picture, about its first object if it has one, enlarged as the box does it before its net looks."""
-    side = CROP_PX // MAGNIFIED
-    about = np.array([boxes[0].x_px, boxes[0].y_px]) if boxes else random.uniform(0, CROP_PX, 2)
-    u, v = (int(c) for c in np.clip(about - random.uniform(2, side - 2, 2), 0, CROP_PX - side))
-    moved = [
-        replace(
-            box,
-            x_px=(box.x_px - u + 0.5) * MAGNIFIED - 0.5,
-            y_px=(box.y_px - v + 0.5) * MAGNIFIED - 0.5,
-            width_px=box.width_px * MAGNIFIED,
-            height_px=box.height_px * MAGNIFIED,
-        )
-        for box in boxes
-        if u - 0.5 <= box.x_px < u + side - 0.5 and v - 0.5 <= box.y_px < v + side - 0.5
-    ]
-    return enlarged(np.ascontiguousarray(stack[v : v + side, u : u + side])), moved
 
 
 def _side(box: Box) -> float:

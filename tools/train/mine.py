@@ -10,11 +10,12 @@ from scipy.optimize import minimize
 from torch import Tensor
 
 from edge.errors import SkyfixError
-from tools.train.compose import CROP_PX, Composer
+from tools.train.compose import Composer
 from tools.train.loss import NOMINAL_LOG_SIZE, centres
 from tools.train.net import STRIDE, SkyNet, cells
 from tools.train.patches import Floats, Grey, flies
 from tools.train.rendered import FIRST_TEST_SEED, centred_crops
+from tools.train.windows import CROP_PX
 
 EASY_WEIGHT: Final = 0.1  # of a background that fools nobody, against 1 for one that does
 FLYER_SCORE: Final = 0.4  # from which a peak on "background" may be an object nobody labelled
