@@ -93,7 +93,7 @@ class _Bent:
 def distort(lens: LensModel, rays: Array) -> Distorted:
     """Distort rays. rays: (N, 2)."""
     bent = _bend(lens, _as_complex(rays))
-    by_ray = np.empty((len(rays), 2, 2))
+    by_ray = np.empty((len(bent.place), 2, 2))
     by_ray[:, :, 0] = _as_pairs(bent.along + bent.across)
     by_ray[:, :, 1] = _as_pairs(1j * (bent.along - bent.across))
     return Distorted(_as_pairs(bent.place), by_ray, _as_pairs(bent.by_k1))
@@ -134,8 +134,9 @@ def _newton(lens: LensModel, rays: Complex, target: Complex) -> Complex:
     for _ in range(NEWTON_STEPS):
         at = _bend(lens, rays)
         off, determinant = target - at.place, _squared(at.along) - _squared(at.across)
-        divisor = np.where(np.abs(determinant) < 1e-12, 1e-12, determinant)
-        step = (at.along.conj() * off - at.across * off.conj()) / divisor
+        # A factor and no divisor: complex numbers that are none, as rays behind a camera, divide with a warning.
+        factor = 1 / np.where(np.abs(determinant) < 1e-12, 1e-12, determinant)
+        step = (at.along.conj() * off - at.across * off.conj()) * factor
         length = np.abs(step)
         if not (length > CONVERGED_RAY).any():
             break
@@ -180,10 +181,10 @@ def _bend_radtan(lens: LensModel, rays: Complex) -> _Bent:
     slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)  # of radial, by r2
     by_k1 = rays * r2
     if k4 or k5 or k6:
-        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        radial = radial / below
-        slope = (slope - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
-        by_k1 = by_k1 / below
+        share = 1 / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        radial = radial * share
+        slope = (slope - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) * share
+        by_k1 = by_k1 * share
     square = rays * rays
     place, along, across = rays * radial, (radial + r2 * slope).astype(np.complex128), square * slope
     if p1 or p2:
@@ -202,7 +203,7 @@ def _bend_fisheye(lens: LensModel, rays: Complex) -> _Bent:
     t2 = theta * theta
     bent = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
     slope = (1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))) / (1 + r * r)
-    unit, scale = rays / r, bent / r
+    unit, scale = rays * (1 / r), bent / r
     return _Bent(
         rays * scale,
         ((slope + scale) / 2).astype(np.complex128),

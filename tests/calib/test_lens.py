@@ -46,6 +46,14 @@ def test_a_pixel_beyond_the_fold_is_nan_not_a_guess() -> None:
 
 
 @LENSES
+def test_what_is_no_ray_is_no_pixel_and_the_other_way_round_and_nothing_is_said_of_it(lens: LensModel) -> None:
+    nowhere = np.array([[np.nan, np.nan], [0.1, 0.1]])
+    assert np.isnan(ray_to_pixel(lens, nowhere)[0]).all()
+    assert np.isnan(pixel_to_ray(lens, nowhere)[0]).all()
+    assert np.isfinite(distort(lens, nowhere).by_ray[1]).all()
+
+
+@LENSES
 @given(x=st.floats(-0.9, 0.9), y=st.floats(-0.5, 0.5))
 def test_derivatives_are_those_of_finite_differences(lens: LensModel, x: float, y: float) -> None:
     ray, step = np.array([[x, y]]), 1e-6
