@@ -126,6 +126,19 @@ def test_what_still_waits_to_be_recorded_is_not_remembered(tmp_path: Path) -> No
     assert lacking_after_restart(memory) == []
 
 
+def test_what_was_recorded_is_remembered_though_more_waits(tmp_path: Path) -> None:
+    memory = tmp_path / "memory.json"
+    backfill = Backfill(Link(LinkSettings()), SITE, memory)
+    for first in range(0, 40, 4):  # never without a row that waits
+        backfill._missing["cam0"] = [Gap(1, first, first + 3)]
+        backfill._accept(
+            "cam0", Gap(1, first, first + 3), Received(KEY, answer(first, first + 3, *range(first, first + 4)), 0)
+        )
+        backfill.late.drain(len(backfill.late) - 1)
+        backfill._save()
+    assert lacking_after_restart(memory) == []
+
+
 def lacking_after_restart(memory: Path) -> list[Gap]:
     ledger = Backfill(Link(LinkSettings()), SITE, memory)._ledger
     inventory = [SpooledEpoch(epoch=1, first_seq=0, last_seq=9, rows=10)]

@@ -4,15 +4,16 @@ What comes this way is late: it belongs in the recording and in `solve`, and mus
 filters have long moved on. It comes through an inbox of its own, under the `backlog` key. And it must not delay what
 is live: the questions are small, at low priority, and after each answer comes a rest of several times as long as the
 answer took, so that history gets a share of a busy computer or a slow radio, and never all of it. What is already here
-is remembered over a restart, in a file that is four seconds behind on purpose: after a power cut the recording may have
-lost its last seconds, and then the memory of having had them must be lost too.
+is remembered over a restart, in a file that is four seconds behind on purpose, and further while rows wait to be
+recorded: after a power cut the recording may have lost its last seconds, and then the memory of having had them must be
+lost too.
 """
 
 import logging
 import threading
 import time
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -45,6 +46,14 @@ class BackfillCounters(msgspec.Struct, frozen=True, kw_only=True):
     refused: int  # answers that were not what was asked
 
 
+class _State(NamedTuple):
+    """The ledger at some time, as it is saved: how many rows had come late by then, and whether they are recorded."""
+
+    ledger: bytes
+    received: int
+    recorded: bool
+
+
 class Backfill(OwnThread):
     """Asks the boxes of a site for what is missing. `late` holds what came, under `.../cam/<camera>/backlog` keys."""
 
@@ -58,9 +67,9 @@ class Backfill(OwnThread):
         self.late: Inbox[Received] = Inbox(LATE_CAPACITY, link.bell)
         self._lock = threading.Lock()
         self._ledger = _load(memory) if memory is not None else Ledger()
-        self._to_save = self._ledger.to_json()
         self._missing: dict[str, list[Gap]] = {}
         self._reachable: set[str] = set()  # cameras that answered the last question for inventories
+        self._pending = self._state()
         self._counts = dict.fromkeys(BackfillCounters.__struct_fields__, 0)
 
     def have(self, camera: str, tracks: Tracks) -> None:
@@ -161,17 +170,30 @@ class Backfill(OwnThread):
             self._counts["refused"] += 1
 
     def _save(self) -> None:
-        """Not while rows wait to be recorded: what is killed before it wrote them must not remember to have them."""
-        if self._memory is None or len(self.late) > 0:
+        """Write the state of the save before, if what had come by then was recorded by then; if not, a save later.
+
+        A station killed before it wrote what it fetched must not remember to have it.
+        """
+        if self._memory is None:
             return
-        with self._lock:
-            previous, self._to_save = self._to_save, self._ledger.to_json()
+        pending = self._pending
+        if not pending.recorded:
+            recorded = self.late.received - len(self.late) >= pending.received
+            self._pending = pending._replace(recorded=recorded)
+            return
+        self._pending = self._state()
         try:
-            write_atomically(self._memory, previous)
+            write_atomically(self._memory, pending.ledger)
         except OSError as error:
             log.warning(
                 "%s: cannot be written (%s); after a restart more is asked for than needed", self._memory, error
             )
+
+    def _state(self) -> _State:
+        with self._lock:
+            ledger = self._ledger.to_json()
+        received, waiting = self.late.received, len(self.late)
+        return _State(ledger, received, recorded=waiting == 0)
 
 
 def rest_after(took_s: float) -> float:
