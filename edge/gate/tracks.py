@@ -36,6 +36,7 @@ FLOWN: Final = 4.0  # times moved_min_px from where it began: what went so far o
 CLUTTERED: Final = 0.3  # level of a place in which a believed track may not rest
 SCORE_KEPT: Final = 0.85  # of the score that makes a track believed: the least it must keep up over KEPT_S
 KEPT_S: Final = 0.5  # s: a track that lost its object takes doubtful things for it; over 3 s that was 1 row in 30
+KEPT_LOOKS: Final = 8  # at the least, where frames are few: the mean of less is chance
 INSECT_LENGTHS_S: Final = 100.0  # of its own a second: a drone of 35 cm at 35 m/s; faster is an insect near the lens
 WAITING_S: Final = 1.0  # how much of its unbelieved past a track gives when it is believed
 SIZE_RATIO_MAX: Final = 3.0  # a box three times as large is another object
@@ -121,6 +122,8 @@ class TrackGate:
         before = track.last
         track.update(measured)
         row = replace(measured, track=track.number, classes=track.class_scores())
+        if track.confirmed and self._has_faded(track):
+            return []
         if track.confirmed:
             return [*self._bridge(replace(before, track=track.number), row), row]
         track.waiting.append(row)
@@ -136,7 +139,7 @@ class TrackGate:
         now, config = track.t_unix_ns, self._config
         window_ns = max(config.confirm_window_s * 1e9, WINDOW_SLACK * config.confirm_hits * self._interval_ns())
         since = round(now - config.moved_window_s * 1e9)
-        seen = track.hits_since(round(now - window_ns)) >= config.confirm_hits
+        seen = track.hits_since(round(now - window_ns)) >= config.confirm_hits and not self._has_faded(track)
         if not seen or track.mean_score(since) < self._score_least or track.lengths_s() > INSECT_LENGTHS_S:
             return False
         enough_px = config.moved_min_px * (1 + CLUTTER_FACTOR * track.clutter)
@@ -160,22 +163,19 @@ class TrackGate:
         kept = []
         for track in self._tracks:
             silent_s = (now_unix_ns - track.t_unix_ns) / 1e9
-            if self._has_faded(track) or self._is_clutter(track, now_unix_ns):
+            if now_unix_ns - track.born_unix_ns > UNMOVED_S * 1e9 and self._is_clutter(track):
                 self._clutter.add(track.last.u_px, track.last.v_px, now_unix_ns)
             elif silent_s <= (self._config.coast_max_s if track.confirmed else TENTATIVE_GAP_S):
                 kept.append(track)
         self._tracks = kept
 
     def _has_faded(self, track: Track) -> bool:
-        """A believed track whose object has gone: what it takes for it of late is doubtful."""
-        least = SCORE_KEPT * self._score_least
-        return track.confirmed and track.late_score(KEPT_S, self._config.confirm_hits) < least
+        """Whether its object may have gone: what is taken for it of late is doubtful. Its rows wait until it is not."""
+        return track.late_score(KEPT_S, KEPT_LOOKS) < SCORE_KEPT * self._score_least
 
-    def _is_clutter(self, track: Track, now_unix_ns: int) -> bool:
-        """An old track not believed, or that rests among clutter or without having flown far."""
-        if now_unix_ns - track.born_unix_ns <= UNMOVED_S * 1e9:
-            return False
-        if not track.confirmed:
+    def _is_clutter(self, track: Track) -> bool:
+        """An old track not believed, hardly seen any more, or that rests among clutter or without having flown far."""
+        if not track.confirmed or track.mean_score(track.places[0].t_unix_ns) < SCORE_KEPT * self._score_least:
             return True
         moved_px, least_px = track.moved_px(track.places[0].t_unix_ns), self._config.moved_min_px
         if track.reach_px < FLOWN * least_px and moved_px < least_px:

@@ -154,8 +154,21 @@ def test_a_track_that_lost_its_object_soon_stops_taking_doubtful_things_for_it(f
         rows += [
             row for row in gate.step(T0 + round(k / fps * 1e9), found(places, 0.7 if k < lost else 0.3)) if k >= lost
         ]
-    # Its mean over half a second, or five looks, is below 0.85 * 0.45 when four fifths of them were doubtful.
-    assert 0 < len(rows) <= max(0.5 * fps, 5)
+    # Its mean over half a second, or eight looks, is below 0.85 * 0.45 when four fifths of them were doubtful.
+    assert 0 < len(rows) <= max(0.5 * fps, 8)
+
+
+@pytest.mark.parametrize("fps", [5.0, 30.0])
+def test_a_drone_that_hovers_is_the_same_after_a_moment_of_doubt(fps: float) -> None:
+    gate = TrackGate(SIZE, GateConfig(), USUAL)
+    rows = []
+    for k in range(round(12 * fps)):
+        place = np.array([[300 + 40 * min(k / fps, 3), 400.0]])  # flies 3 s, then hovers
+        doubtful = 5 <= k / fps < 6
+        rows += gate.step(T0 + round(k / fps * 1e9), found(place, 0.3 if doubtful else 0.7))
+    assert len({row.track for row in rows}) == 1
+    assert (rows[-1].t_unix_ns - T0) / 1e9 > 11.5
+    assert len(rows) > 9 * fps  # 2 s to be believed or in doubt
 
 
 @pytest.mark.parametrize(("size_px", "believed"), [(3.0, False), (12.0, True)])
