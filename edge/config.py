@@ -104,7 +104,7 @@ class GateConfig(Section, frozen=True, kw_only=True):
     moved_min_px: Annotated[NotNegative, Meta(description="net movement that shows a track to fly")] = 6.0
     moved_window_s: Positive = 1.0
     coast_max_s: Annotated[NotNegative, Meta(description="gap over which a track keeps its number")] = 2.0
-    bridge_max_s: Annotated[NotNegative, Meta(description="gap filled with interpolated rows")] = 1.0
+    bridge_max_s: Annotated[NotNegative, Meta(description="gap between sure looks filled with interpolated rows")] = 1.0
 
 
 class GnssConfig(Section, frozen=True, kw_only=True):

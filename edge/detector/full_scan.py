@@ -11,7 +11,7 @@ from edge.detector.skyfix import SCORE_USUAL, StackNet
 
 
 class FullScan:
-    """A skyfix model over each whole frame, at native resolution and, if it is small, enlarged."""
+    """A skyfix model over each whole frame, as it is and, if it was reduced, enlarged."""
 
     colour = False
     remembers = True

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from edge.detector import Detections
-from edge.detector.look import look
+from edge.detector.look import _small_and_whole, look
 from edge.detector.magnify import enlarged, reduced
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from tests.edge.footage import sky
 from tests.edge.onnx_models import dark_dot_model
+
+ONE = (np.ones(1), np.ones(1), np.ones((1, 1)))
+THREE = (np.ones(3), np.ones(3), np.ones((3, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +30,8 @@ class Watched(StackNet):
         return super().run(stack, score_min)
 
 
-@pytest.mark.parametrize(("size", "looks"), [((640, 512), 2), ((1920, 1080), 1)])
-def test_a_small_picture_is_also_looked_at_enlarged(model: Path, size: tuple[int, int], looks: int) -> None:
+@pytest.mark.parametrize(("size", "looks"), [((320, 256), 2), ((640, 512), 1)])
+def test_a_reduced_picture_is_also_looked_at_enlarged(model: Path, size: tuple[int, int], looks: int) -> None:
     net = Watched(open_model(model))
     net.shown = []
     found = look(net, [sky(size, [(200.0, 100.0)], np.random.default_rng(5))] * 3, 0.3)
@@ -48,3 +51,19 @@ def test_what_is_found_enlarged_is_where_it_was() -> None:
     assert back.centre_px[0] == pytest.approx((30.5, 20.5), abs=0.02)  # what is cut off below black is lost
     assert back.size_px[0] == pytest.approx((2.0, 2.0))
     assert back.sigma_px[0] == pytest.approx(0.25)
+
+
+def test_what_is_no_part_of_the_picture_is_not_found_and_a_tiny_picture_is_looked_at(model: Path) -> None:
+    net = StackNet(open_model(model))
+    edge = sky((321, 241), [(320.0, 100.0)], np.random.default_rng(5))  # repeated into the columns that fill it up
+    assert np.all(look(net, [edge] * 3, 0.1).centre_px <= (320.5, 240.5))
+    assert len(look(net, [np.full((3, 17), 200, np.uint8)] * 3, 0.3)) == 0
+
+
+def test_a_large_object_is_not_told_in_parts() -> None:
+    whole = Detections(np.array([[50.0, 50.0]]), np.array([[40.0, 14.0]]), *ONE)
+    parts = Detections(
+        np.array([[40.0, 52.0], [80.0, 50.0], [50.0, 50.0]]), np.array([[8.0, 6.0], [8.0, 6.0], [40.0, 14.0]]), *THREE
+    )
+    kept = _small_and_whole(parts, whole)
+    assert kept.centre_px.tolist() == [[80.0, 50.0]]
