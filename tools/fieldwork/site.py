@@ -157,10 +157,9 @@ class Site:
         lines = [line for line in self._box_lines() if line[0] == of]
         return {(of, epoch, seq) for _, epoch, seq, stamp, _ in lines if begin_unix_s <= stamp * 1e-9 < end_unix_s}
 
-    def lateness_s(self, begin_unix_s: float, end_unix_s: float, of: str = "cam") -> list[float]:
-        """By how much the boxes, or one of them, were late with each frame that was due in a stretch of time."""
-        lines = [line for line in self._box_lines() if line[0].startswith(of)]
-        return [late * 1e-9 for *_, stamp, late in lines if begin_unix_s <= stamp * 1e-9 < end_unix_s]
+    def lateness_s(self, begin_unix_s: float, end_unix_s: float) -> list[float]:
+        """By how much the boxes were late with each frame that was due in a stretch of time."""
+        return [late * 1e-9 for *_, stamp, late in self._box_lines() if begin_unix_s <= stamp * 1e-9 < end_unix_s]
 
     def _box_lines(self) -> Iterator[tuple[str, int, int, int, int]]:
         for log in self.folder.glob("cam*.log"):

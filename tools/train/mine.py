@@ -1,5 +1,7 @@
 """Hard negatives and an honest sigma: what a net says of things whose truth is known, once it has learned something."""
 
+import itertools
+import math
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -21,6 +23,8 @@ EASY_WEIGHT: Final = 0.1  # of a background that fools nobody, against 1 for one
 FLYER_SCORE: Final = 0.4  # from which a peak on "background" may be an object nobody labelled
 FOUND_SCORE: Final = 0.3  # score from which a detection counts for the calibration
 LEAST_FOUND: Final = 100  # three parameters from fewer would be a guess
+# Log px. How far the net's own sigma is off changes with the size to and fro: no straight line says it.
+SIZE_KNOTS: Final = tuple(math.log(size_px) for size_px in (3, 5, 8, 13, 20, 32))
 CLIP_SIGMAS: Final = 5.0  # an error so large is a different object, not a worse centre
 OUTLIER_PX: Final = 6.0  # a peak further off belongs to something else
 
@@ -52,15 +56,18 @@ def _worst(net: SkyNet, stacks: list[Grey]) -> tuple[list[Grey], Floats, Floats,
 
 @dataclass(frozen=True)
 class SigmaFit:
-    """log sigma = offset + slope * (the net's own) + size_slope * (log size - log 8 px)."""
+    """log sigma = slope * (the net's own) + an offset by log size, straight between SIZE_KNOTS, level beyond them."""
 
-    offset: float = 0.0
     slope: float = 1.0
-    size_slope: float = 0.0
+    offsets: tuple[float, ...] = (0.0,) * len(SIZE_KNOTS)
 
     def log_sigma(self, raw: Any, log_size: Any) -> Any:
         """Calibrated log sigma (px) of tensors or arrays."""
-        return self.offset + self.slope * raw + self.size_slope * (log_size - NOMINAL_LOG_SIZE)
+        total = self.slope * raw + self.offsets[0]
+        for k, (low, high) in enumerate(itertools.pairwise(SIZE_KNOTS)):
+            rise = (self.offsets[k + 1] - self.offsets[k]) / (high - low)
+            total = total + rise * (log_size.clip(low, high) - low)
+        return total
 
 
 @dataclass(frozen=True)
@@ -87,12 +94,13 @@ def fit_sigma(found: Found) -> SigmaFit:
         )
 
     def cost(values: NDArray[np.float64]) -> float:
-        log_sigma = SigmaFit(*values).log_sigma(found.log_sigma, found.log_size)[:, None]
+        fit = SigmaFit(values[0], tuple(values[1:]))
+        log_sigma = fit.log_sigma(found.log_sigma, found.log_size)[:, None]
         ratio = np.clip(found.error_px * np.exp(-log_sigma), -CLIP_SIGMAS, CLIP_SIGMAS)
         return float(np.mean(0.5 * ratio**2 + log_sigma))
 
-    best = minimize(cost, np.array([0.0, 1.0, 0.0]), method="Nelder-Mead").x
-    return SigmaFit(*(float(value) for value in best))
+    best = minimize(cost, np.array([1.0, *SigmaFit().offsets]), method="BFGS").x
+    return SigmaFit(float(best[0]), tuple(float(value) for value in best[1:]))
 
 
 @torch.no_grad()  # type: ignore[untyped-decorator]

@@ -9,10 +9,13 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tools.train.patches import Box, Floats, Grey
 
-SEEN_SIGMAS: Final = 4.5  # of the surroundings; noise alone reaches it in 1 of 50 places
+Mask = NDArray[np.bool_]
+
+SEEN_SIGMAS: Final = 4.5  # of the surroundings; noise alone reaches it in 1 of 50 places 2 px wide
 LEAST_SIGMA: Final = 0.7  # grey levels: a picture coded in few bits has no grain at all, and yet is no better
 SURROUNDINGS_PX: Final = 6  # about the object
 LEAST_HALF_PX: Final = 1.5  # of an object: what is smaller is spread over so much by lens and pixels
@@ -37,7 +40,7 @@ def _smooth(view: Floats) -> Floats:
     return np.asarray(cv2.blur(view, (3, 3), borderType=cv2.BORDER_REFLECT), np.float32)
 
 
-def _differs(view: Floats, inside: Grey, outside: Grey) -> bool:
+def _differs(view: Floats, inside: Mask, outside: Mask) -> bool:
     around = view[outside]
     if not (inside.any() and around.size):
         return True
