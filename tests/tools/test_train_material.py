@@ -31,7 +31,7 @@ from tools.train.patches import UNKNOWN_CLASS, Box, Cutout, Patch, flies, lift
 from tools.train.rendered import FIRST_TEST_SEED, render_material, scene, stacks
 from tools.train.silhouettes import MODELS, draw
 from tools.train.visible import visible
-from tools.train.windows import CROP_PX, crop, magnify
+from tools.train.windows import CROP_PX, crop
 from tools.train.yolo import all_classes, read_folder, read_names
 
 SKY_GREY = 150.0
@@ -96,21 +96,6 @@ def test_a_small_object_is_drawn_as_sharp_as_pixels_are() -> None:
     # One pixel wide, on a pixel: half of its 100 grey levels at least stay there, whatever it was drawn from.
     assert drawn[10, 10] < 100
     assert (150 - drawn).sum() == pytest.approx(100, rel=0.15)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_what_is_magnified_takes_its_boxes_along(seed: int) -> None:
-    stack = np.zeros((CROP_PX, CROP_PX, 3), np.uint8)
-    stack[60:62, 30:32] = 200  # centre at 30.5, 60.5
-    boxes = [Box(30.5, 60.5, 2, 2, 0, 1.0), Box(5, 5, 3, 3, 1, 1.0)]
-    larger, moved = magnify(stack, boxes, np.random.default_rng(seed))
-    assert larger.shape == stack.shape
-    v, u = np.indices(larger.shape[:2])
-    light = larger[:, :, 0].astype(float)
-    assert len(moved) == 1, "the other lies outside"
-    centre = (light * u).sum() / light.sum(), (light * v).sum() / light.sum()
-    assert (moved[0].x_px, moved[0].y_px) == pytest.approx(centre, abs=0.1)  # cubic ringing below black is cut off
-    assert (moved[0].width_px, moved[0].height_px) == (4, 4)
 
 
 def test_half_of_the_crops_are_taken_pixel_for_pixel() -> None:

@@ -13,7 +13,6 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from edge.detector.magnify import MAGNIFIED
 from tools.train.backdrops import foliage, sky
 from tools.train.camera import expose, noise
 from tools.train.footage import Material
@@ -21,13 +20,13 @@ from tools.train.paste import Pose, Vector, insect_velocity, lay, velocity, visi
 from tools.train.patches import CLASSES, UNKNOWN_CLASS, Box, Cutout, Floats, Grey
 from tools.train.silhouettes import draw
 from tools.train.visible import visible
-from tools.train.windows import CROP_PX, crop, magnify
+from tools.train.windows import CROP_PX, crop
 
 MAX_BOXES: Final = 4
 BOX_VALUES: Final = 9
 DRAWN: Final = 1500  # silhouettes drawn beforehand; drawing one costs as much as ten samples
 DRAWN_SHARE: Final = (0.25, 0.2, 0.2, 0.2, 0.15)  # of drones, birds, aeroplanes, helicopters, specks
-SMALLEST_PX: Final = 1.5
+SMALLEST_PX: Final = 2.0
 LARGEST_PX: Final = 44.0  # of a pasted object's longer side: beyond it a 64 px crop holds no background
 LARGEST_ZOOM: Final = 1.3  # of a cut-out: enlarged more, it is softer than anything a lens makes
 APART_PX: Final = 8  # between two objects: closer, they share a peak of the net
@@ -52,7 +51,6 @@ class Mix:
     second: float = 0.15  # of the patches: those that get another object
     insects: float = 0.12  # of all samples: those that an insect or two fly through
     as_filmed: float = 0.4  # of the patches: those that have their camera's faults and no more
-    magnified: float = 0.3  # of the samples without a large object: those seen as the box sees what is small
     spot: float = 0.6  # of the backgrounds with a known worst place: those cut out about it
 
 
@@ -110,10 +108,7 @@ class Composer:
             self._paste(image, boxes, sigma)
         if self.random.random() < self.mix.insects:
             self._insects(image, sigma)
-        stack = self._taken(image, sigma, filmed=filmed)
-        if self.random.random() < self.mix.magnified and all(_side(box) <= LARGEST_PX / MAGNIFIED for box in boxes):
-            return magnify(stack, boxes, self.random)
-        return stack, boxes
+        return self._taken(image, sigma, filmed=filmed), boxes
 
     def _taken(self, image: Floats, sigma: float, *, filmed: bool) -> Grey:
         """The picture a camera takes of it; what was filmed has a camera's faults already and may get no more."""
@@ -171,11 +166,6 @@ class Composer:
         if self.random.random() < self.mix.drawn_cutout or not self.cutouts:
             return self.drawn[int(self.random.integers(len(self.drawn)))]
         return _pick(self.cutouts, self.random)
-
-
-def _side(box: Box) -> float:
-    """The longer side of a box, px."""
-    return max(box.width_px, box.height_px)
 
 
 def _scatter(image: Floats, place: Vector) -> float:

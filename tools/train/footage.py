@@ -25,7 +25,7 @@ from tools.train.patches import STACK_OFFSETS_S, Box, Cutout, Grey, Patch, lift
 PATCH_PX: Final = 160  # a 96 px crop and room to shift and zoom it
 EVERY: Final = 6  # frames between two samples of a clip: 0.2 s, after which an object has moved on
 LARGEST_PX: Final = 45.0  # of an object's longer side; larger ones are scaled down to this at the least
-SMALLEST_PX: Final = 1.5  # of an object's longer side; below it hardly anything is left
+SMALLEST_PX: Final = 2.0  # of an object's longer side; below it hardly anything is left
 LIFTED_EXACT: Final = 0.15  # weight of a measured centre: its own error would be learned as the net's sigma
 REAL_TELLING: Final = 0.4  # weight of the class of an object before the field it was filmed in
 BACKGROUND_PX: Final = 104  # an 80 px crop zoomed out; larger ones at a third of the scale would hold the object

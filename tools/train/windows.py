@@ -1,17 +1,15 @@
-"""What of a picture becomes a sample: a window, flipped, perhaps zoomed, or enlarged as the box enlarges what is small.
+"""What of a picture becomes a sample: a window, flipped, perhaps slightly zoomed.
 
 The hazard is softness. A drone far away is one or two dark pixels, and every shift by parts of a pixel spreads them
 over four. So half of the windows are taken pixel for pixel.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
 
-from edge.detector.magnify import MAGNIFIED, enlarged
 from tools.train.patches import Box, Floats, Grey
 
 CROP_PX: Final = 80  # larger than the 64 px crops of the box, so that most cells see no border
@@ -47,22 +45,3 @@ def crop(
             size = (box.width_px * zoom, box.height_px * zoom)
             placed.append(Box(float(x), float(y), *size, box.label, box.exact, box.telling))
     return image.astype(np.float32), placed
-
-
-def magnify(stack: Grey, boxes: Sequence[Box], random: np.random.Generator) -> tuple[Grey, list[Box]]:
-    """A part of a picture, about its first object if it has one, enlarged as the box does it before its net looks."""
-    side = CROP_PX // MAGNIFIED
-    about = np.array([boxes[0].x_px, boxes[0].y_px]) if boxes else random.uniform(0, CROP_PX, 2)
-    u, v = (int(c) for c in np.clip(about - random.uniform(2, side - 2, 2), 0, CROP_PX - side))
-    moved = [
-        replace(
-            box,
-            x_px=(box.x_px - u + 0.5) * MAGNIFIED - 0.5,
-            y_px=(box.y_px - v + 0.5) * MAGNIFIED - 0.5,
-            width_px=box.width_px * MAGNIFIED,
-            height_px=box.height_px * MAGNIFIED,
-        )
-        for box in boxes
-        if u - 0.5 <= box.x_px < u + side - 0.5 and v - 0.5 <= box.y_px < v + side - 0.5
-    ]
-    return enlarged(np.ascontiguousarray(stack[v : v + side, u : u + side])), moved
