@@ -72,7 +72,7 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
     model: Annotated[str, Meta(description="ONNX file; empty for the one shipped")] = ""
     mode: Annotated[
         Literal["auto", "two_stage", "full_frame"],
-        Meta(description="auto: two_stage for the shipped format, full_frame for others"),
+        Meta(description="auto: full_frame for pictures below 640 x 480 and for others' models, else two_stage"),
     ] = "auto"
     format: Annotated[
         Literal["auto", "skyfix", "yolov8", "end_to_end", "yolox", "detr", "labels_boxes_scores"],

@@ -1,6 +1,7 @@
 """What finds objects in frames: the two-stage detector for static cameras, and any user's model on whole frames."""
 
 from edge.config import SHIPPED_MODEL, DetectorConfig
+from edge.detector.by_size import BySize
 from edge.detector.detections import Array, Detections, Detector
 from edge.detector.formats import SKYFIX_NOTE
 from edge.detector.full_frame import FullFrame
@@ -21,7 +22,9 @@ def open_detector(config: DetectorConfig, *, background: bool) -> Detector:
     path = config.model or SHIPPED_MODEL
     model = open_model(path, config.threads)
     ours = SKYFIX_NOTE in model.notes and config.format in ("auto", "skyfix")
-    if ours and config.mode in ("auto", "two_stage"):
+    if ours and config.mode == "auto":
+        return BySize(StackNet(model), config, background=background)
+    if ours and config.mode == "two_stage":
         return TwoStage(StackNet(model), config, background=background)
     if ours:
         return FullScan(StackNet(model), config)

@@ -29,13 +29,18 @@ LEAST_SIDE_PX: Final = 64  # of what the network is shown: it has to find as man
 def look(net: StackNet, images: list[Image], score_min: float) -> Detections:
     """What is in the newest of grey images `(H, W)`, newest first, in its pixels, the surest first."""
     found = net.run(padded_stack(images, net.multiple_px), score_min)[0]
-    if images[0].size < REDUCED_PX:
+    if is_reduced(images[0]):
         larger = padded_stack([enlarged(image) for image in images], net.multiple_px)
         closer = reduced(net.run(larger, max(score_min, ENLARGED_SCORE))[0])
         found = together([found, _small_and_whole(closer, found)], found.classes.shape[1])
     found = _within(found, images[0].shape)
     size_px = np.maximum(found.size_px, LEAST_SIZE_PX)
     return found.where(suppress(found.centre_px, size_px, found.score, SAME_OBJECT_IOU))
+
+
+def is_reduced(image: Image) -> bool:
+    """Whether a grey image `(H, W)` is smaller than cameras take them."""
+    return image.size < REDUCED_PX
 
 
 def _small_and_whole(closer: Detections, found: Detections) -> Detections:

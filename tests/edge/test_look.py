@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge.detector import Detections
+from edge.capture.frame import Frame
+from edge.config import DetectorConfig
+from edge.detector import Detections, open_detector
 from edge.detector.look import _small_and_whole, look
 from edge.detector.magnify import enlarged, reduced
 from edge.detector.session import open_model
@@ -67,3 +69,14 @@ def test_a_large_object_is_not_told_in_parts() -> None:
     )
     kept = _small_and_whole(parts, whole)
     assert kept.centre_px.tolist() == [[80.0, 50.0]]
+
+
+@pytest.mark.parametrize(("size", "by"), [((320, 240), "frames"), ((640, 480), "crops")])
+def test_left_to_itself_the_detector_goes_by_the_size_of_the_pictures(
+    model: Path, size: tuple[int, int], by: str
+) -> None:
+    one = open_detector(DetectorConfig(model=str(model)), background=False)
+    assert one.counters() == {}
+    one.detect(Frame(1_700_000_000 * 10**9, sky(size, [], np.random.default_rng(5)), "file", 0.0, 0), np.zeros((0, 3)))
+    assert ("detector_crops" in one.counters()) == (by == "crops")
+    one.close()

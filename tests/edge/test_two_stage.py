@@ -31,8 +31,8 @@ def frame(k: int, image: np.ndarray, fps: float = 30.0, segment: int = 0) -> Fra
     return Frame(T0 + round(k / fps * 1e9), image, "file", 0.0, segment)
 
 
-def detector(model: Path, **config: object) -> Detector:
-    return open_detector(DetectorConfig(model=str(model), score_min=0.3, **config), background=False)
+def detector(model: Path, mode: str = "two_stage", **config: object) -> Detector:
+    return open_detector(DetectorConfig(model=str(model), score_min=0.3, mode=mode, **config), background=False)
 
 
 def play(one: Detector, dots: list[list[tuple[float, float]]]) -> list[Detections]:
@@ -100,7 +100,9 @@ def test_same_frames_give_the_same_bytes(model: Path) -> None:
 
 
 def test_background_scan_finds_the_same_and_ends(model: Path, until) -> None:
-    one = open_detector(DetectorConfig(model=str(model), score_min=0.3, scan_period_s=0.1), background=True)
+    one = open_detector(
+        DetectorConfig(model=str(model), score_min=0.3, scan_period_s=0.1, mode="two_stage"), background=True
+    )
     rng = np.random.default_rng(5)
     image = sky(SIZE, [(200.0, 100.0)], rng)
     one.detect(frame(0, image), NOWHERE)
