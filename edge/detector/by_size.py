@@ -9,23 +9,17 @@ from edge.config import DetectorConfig
 from edge.detector.detections import Array, Detections, Detector
 from edge.detector.full_scan import FullScan
 from edge.detector.look import is_reduced
-from edge.detector.skyfix import SCORE_USUAL, StackNet
+from edge.detector.skyfix import StackDetector, StackNet
 from edge.detector.two_stage import TwoStage
 
 
-class BySize:
+class BySize(StackDetector):
     """The detector for the size of the first frame. background: as for TwoStage."""
 
-    colour = False
-    remembers = True
-    score_usual = SCORE_USUAL
-
     def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool) -> None:
-        self._net = net
-        self._config = config
+        super().__init__(net, config)
         self._background = background
         self._chosen: Detector | None = None
-        self.class_names = config.class_names or net.class_names
 
     def detect(self, frame: Frame, expected_px: Array) -> Detections:
         """The objects in a frame. expected_px: as for TwoStage."""

@@ -7,29 +7,23 @@ from edge.config import DetectorConfig
 from edge.detector.detections import Array, Detections
 from edge.detector.history import History
 from edge.detector.look import look
-from edge.detector.skyfix import SCORE_USUAL, StackNet
+from edge.detector.skyfix import StackDetector, StackNet
 
 
-class FullScan:
+class FullScan(StackDetector):
     """A skyfix model over each whole frame, as it is and, if it was reduced, enlarged."""
 
-    colour = False
-    remembers = True
-    score_usual = SCORE_USUAL
-
     def __init__(self, net: StackNet, config: DetectorConfig) -> None:
-        self._net = net
-        self._config = config
+        super().__init__(net, config)
         self._history = History(net.past_s)
         self._frames = 0
-        self.class_names = config.class_names or net.class_names
 
     def detect(self, frame: Frame, expected_px: Array) -> Detections:
         """The objects in a frame; `expected_px` is not needed here."""
         self._frames += 1
         self._history.push(frame)
         found = look(self._net, [frame.image, *self._history.past()], self._config.score_min)
-        return found.where(np.arange(min(len(found), self._config.max_detections)))
+        return found.where(np.arange(len(found))[: self._config.max_detections])
 
     def counters(self) -> dict[str, float]:
         """Frames looked at."""

@@ -13,13 +13,11 @@ import numpy as np
 from edge.capture.frame import Image
 from edge.detector.detections import Detections
 
-MAGNIFIED: Final = (
-    2  # times; clips never trained on, a third of the size, a quarter of the contrast: recall 0.89 to 0.98
-)
+MAGNIFIED: Final = 2  # times; in held-out clips at a third of the size and faint, recall rose from 0.89 to 0.98
 
 
 def enlarged(image: Image) -> Image:
-    """The image `(H, W)` or `(H, W, channels)` at MAGNIFIED times its size."""
+    """The image `(H, W)` at MAGNIFIED times its size."""
     size = (image.shape[1] * MAGNIFIED, image.shape[0] * MAGNIFIED)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from edge.config import DetectorConfig
 from edge.detector.detections import Array, Detections
 from edge.detector.session import Model
 from edge.errors import ModelError
@@ -65,6 +66,19 @@ class StackNet:
             raise ModelError(f"answers with shapes {shapes}", where=self._model.path, action="export it again")
         usable = (scores >= score_min) & np.isfinite(boxes).all(axis=2) & np.isfinite(scores)
         return _rows(*(value[usable] for value in (boxes, scores, classes, sigma))), np.nonzero(usable)[0]
+
+
+class StackDetector:
+    """What every detector has that looks with a StackNet at grey frames, one after the other."""
+
+    colour = False
+    remembers = True
+    score_usual = SCORE_USUAL
+
+    def __init__(self, net: StackNet, config: DetectorConfig) -> None:
+        self._net = net
+        self._config = config
+        self.class_names = config.class_names or net.class_names
 
 
 def _rows(boxes: NDArray[Any], scores: NDArray[Any], classes: NDArray[Any], sigma: NDArray[Any]) -> Detections:

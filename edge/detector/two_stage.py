@@ -16,25 +16,19 @@ from edge.detector.look import SAME_OBJECT_IOU
 from edge.detector.motion import NO_BLOBS, MotionDetector
 from edge.detector.nms import suppress
 from edge.detector.scan import Scanner
-from edge.detector.skyfix import SCORE_USUAL, StackNet
+from edge.detector.skyfix import StackDetector, StackNet
 
 
-class TwoStage:
+class TwoStage(StackDetector):
     """The detector for static cameras. background: run full scans beside the frames, not within them."""
 
-    colour = False
-    remembers = True
-    score_usual = SCORE_USUAL
-
     def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool) -> None:
-        self._net = net
-        self._config = config
+        super().__init__(net, config)
         self._history = History(net.past_s)
         self._motion = MotionDetector()
         self._scanner = Scanner(net, config.score_min, config.scan_period_s, background=background)
         self._last_t_unix_ns = 0
         self._counts = {"detector_frames": 0.0, "detector_crops": 0.0, "detector_all_moving": 0.0}
-        self.class_names = config.class_names or net.class_names
 
     def detect(self, frame: Frame, expected_px: Array) -> Detections:
         """The objects in a frame. expected_px: `(M, 3)` of u, v, extent where tracks are expected."""

@@ -49,6 +49,7 @@ class TrackGate:
     def __init__(self, size_px: tuple[int, int], config: GateConfig, score_usual: float) -> None:
         self._config = config
         self._score_least = score_usual if config.score_confirm is None else config.score_confirm
+        self._score_kept = SCORE_KEPT * self._score_least
         self._size_px = size_px
         self._clutter = ClutterMap(size_px)
         self._tracks: list[Track] = []
@@ -122,10 +123,8 @@ class TrackGate:
         before = track.last
         track.update(measured)
         row = replace(measured, track=track.number, classes=track.class_scores())
-        if track.confirmed and self._has_faded(track):
-            return []
         if track.confirmed:
-            return [*self._bridge(replace(before, track=track.number), row), row]
+            return [] if self._has_faded(track) else [*self._bridge(replace(before, track=track.number), row), row]
         track.waiting.append(row)
         track.waiting = [kept for kept in track.waiting if kept.t_unix_ns >= row.t_unix_ns - WAITING_S * 1e9]
         if not self._believable(track):
@@ -154,7 +153,7 @@ class TrackGate:
 
     def _bridge(self, before: Row, after: Row) -> list[Row]:
         """Rows between two measurements, if they are near in time and neither is so doubtful that it may be a leap."""
-        doubtful = min(before.score, after.score) < SCORE_KEPT * self._score_least
+        doubtful = min(before.score, after.score) < self._score_kept
         if doubtful or after.t_unix_ns - before.t_unix_ns > self._config.bridge_max_s * 1e9:
             return []
         return interpolate(before, after, [t for t in self._times if before.t_unix_ns < t < after.t_unix_ns])
@@ -171,11 +170,11 @@ class TrackGate:
 
     def _has_faded(self, track: Track) -> bool:
         """Whether its object may have gone: what is taken for it of late is doubtful. Its rows wait until it is not."""
-        return track.late_score(KEPT_S, KEPT_LOOKS) < SCORE_KEPT * self._score_least
+        return track.late_score(KEPT_S, KEPT_LOOKS) < self._score_kept
 
     def _is_clutter(self, track: Track) -> bool:
         """An old track not believed, hardly seen any more, or that rests among clutter or without having flown far."""
-        if not track.confirmed or track.mean_score(track.places[0].t_unix_ns) < SCORE_KEPT * self._score_least:
+        if not track.confirmed or track.mean_score(track.places[0].t_unix_ns) < self._score_kept:
             return True
         moved_px, least_px = track.moved_px(track.places[0].t_unix_ns), self._config.moved_min_px
         if track.reach_px < FLOWN * least_px and moved_px < least_px:

@@ -13,15 +13,9 @@ from edge.detector.magnify import enlarged, reduced
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from tests.edge.footage import sky
-from tests.edge.onnx_models import dark_dot_model
 
 ONE = (np.ones(1), np.ones(1), np.ones((1, 1)))
 THREE = (np.ones(3), np.ones(3), np.ones((3, 1)))
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return dark_dot_model(tmp_path_factory.mktemp("model") / "dots.onnx")
 
 
 class Watched(StackNet):

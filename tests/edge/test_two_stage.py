@@ -15,16 +15,11 @@ from edge.detector.history import History
 from edge.detector.motion import MotionDetector
 from edge.errors import ModelError
 from tests.edge.footage import flight, sky
-from tests.edge.onnx_models import constant_model, dark_dot_model
+from tests.edge.onnx_models import constant_model
 
 SIZE = (320, 240)
 T0 = 1_700_000_000 * 10**9
 NOWHERE = np.zeros((0, 3))
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return dark_dot_model(tmp_path_factory.mktemp("model") / "dots.onnx")
 
 
 def frame(k: int, image: np.ndarray, fps: float = 30.0, segment: int = 0) -> Frame:

@@ -2,8 +2,8 @@
 
 Four rows of figures for the drones and four for everything: the model on whole frames at native size and at a third, as
 full-frame mode looks at them (what comes reduced is also enlarged), the box's own two stages, and what its gate lets
-through. Labels are 1.5 to 3 times the object, so the centre measures
-count. Detections are written to --out as tables for `tools.evaluate_detections`.
+through. Labels are 1.5 to 3 times the object, so the centre measures count. Detections are written to --out as tables
+for `tools.evaluate_detections`.
 
 Two thirds of the clips number their labels from 1 (tools/train/footage.py). They are counted from 0 here; the drones
 are scored a second time by the tables to the letter, by which the first frame of such a clip has a drone and no label.

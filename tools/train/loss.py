@@ -39,10 +39,16 @@ class Losses:
 
 def centres(raw: Tensor) -> tuple[Tensor, Tensor]:
     """`(B, 2, h, w)` centres in px and `(B, 1, h, w)` log sigmas from raw maps."""
-    rows, cols = raw.shape[2:]
-    v, u = torch.meshgrid(torch.arange(rows, device=raw.device), torch.arange(cols, device=raw.device), indexing="ij")
+    u, v = _columns_and_rows(raw)
     grid = torch.stack([u, v]) * STRIDE + (STRIDE - 1) / 2
     return grid + STRIDE * raw[:, 1:3], raw[:, 5:6].clamp(*LOG_SIGMA_RANGE)
+
+
+def _columns_and_rows(raw: Tensor) -> tuple[Tensor, Tensor]:
+    """The column and the row of every cell of maps `(B, C, h, w)`: `(h, w)` each."""
+    rows, cols = (torch.arange(count, device=raw.device) for count in raw.shape[2:])
+    v, u = torch.meshgrid(rows, cols, indexing="ij")
+    return u, v
 
 
 def losses(raw: Tensor, boxes: Tensor) -> Losses:
@@ -51,8 +57,9 @@ def losses(raw: Tensor, boxes: Tensor) -> Losses:
     Of a box: x, y, width, height px, class, exact, telling, present, visible. What is there and cannot be seen is
     taught as neither object nor background.
     """
-    hidden = _about(raw, boxes, boxes[..., 7] * (1 - boxes[..., 8]))
-    heat, weight, owner = _targets(raw, torch.cat([boxes[..., :7], boxes[..., 7:8] * boxes[..., 8:]], dim=-1))
+    present, visible = boxes[..., 7], boxes[..., 8]
+    hidden = _about(raw, boxes, present * (1 - visible))
+    heat, weight, owner = _targets(raw, boxes, present * visible)
     chosen = torch.stack([boxes[..., k].gather(1, owner.flatten(1)).view_as(weight) for k in range(7)], dim=1)
     measured = weight * chosen[:, 5]
     return Losses(
@@ -63,27 +70,25 @@ def losses(raw: Tensor, boxes: Tensor) -> Losses:
     )
 
 
-def _targets(raw: Tensor, boxes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Peak heat, regression weight and the owning box of every cell: `(B, h, w)` each."""
-    rows, cols = raw.shape[2:]
+def _targets(raw: Tensor, boxes: Tensor, which: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Peak heat, regression weight and owner of every cell `(B, h, w)`, of the boxes with `which` `(B, M)` set."""
     cell = ((boxes[..., :2] + 0.5) / STRIDE).floor()
-    v, u = torch.meshgrid(torch.arange(rows, device=raw.device), torch.arange(cols, device=raw.device), indexing="ij")
+    u, v = _columns_and_rows(raw)
     off_u = u - cell[..., 0, None, None]
     off_v = v - cell[..., 1, None, None]
     size = boxes[..., 2:4].amax(-1) / STRIDE
     # A loose label says "hereabouts": its neighbourhood is not to be taught as background.
     spread = (SPREAD_PER_SIZE * size * (1 + (boxes[..., 5] == 0))).clamp(min=SMALLEST_SPREAD_CELLS)
-    heat = torch.exp(-(off_u**2 + off_v**2) / (2 * spread[..., None, None] ** 2)) * boxes[..., 7, None, None]
+    heat = torch.exp(-(off_u**2 + off_v**2) / (2 * spread[..., None, None] ** 2)) * which[..., None, None]
     best, owner = heat.max(dim=1)
-    near = (off_u.abs().maximum(off_v.abs()) <= 1).float() * boxes[..., 7, None, None]
+    near = (off_u.abs().maximum(off_v.abs()) <= 1).float() * which[..., None, None]
     weight = near.gather(1, owner[:, None]).squeeze(1) * torch.where(best == 1, 1.0, NEIGHBOUR_WEIGHT)
     return best, weight, owner
 
 
 def _about(raw: Tensor, boxes: Tensor, which: Tensor) -> Tensor:
     """`(B, h, w)` whether a cell is at or next to an object of those with `which` `(B, M)` set."""
-    rows, cols = raw.shape[2:]
-    v, u = torch.meshgrid(torch.arange(rows, device=raw.device), torch.arange(cols, device=raw.device), indexing="ij")
+    u, v = _columns_and_rows(raw)
     centre = (boxes[..., :2] + 0.5) / STRIDE - 0.5
     reach = boxes[..., 2:4].amax(-1) / (2 * STRIDE) + HIDDEN_MARGIN_CELLS
     away = (u - centre[..., 0, None, None]).abs().maximum((v - centre[..., 1, None, None]).abs())

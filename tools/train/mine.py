@@ -22,7 +22,7 @@ from tools.train.windows import CROP_PX
 EASY_WEIGHT: Final = 0.1  # of a background that fools nobody, against 1 for one that does
 FLYER_SCORE: Final = 0.4  # from which a peak on "background" may be an object nobody labelled
 FOUND_SCORE: Final = 0.3  # score from which a detection counts for the calibration
-LEAST_FOUND: Final = 100  # three parameters from fewer would be a guess
+LEAST_FOUND: Final = 100  # seven parameters from fewer would be a guess
 # Log px. How far the net's own sigma is off changes with the size to and fro: no straight line says it.
 SIZE_KNOTS: Final = tuple(math.log(size_px) for size_px in (3, 5, 8, 13, 20, 32))
 CLIP_SIGMAS: Final = 5.0  # an error so large is a different object, not a worse centre
