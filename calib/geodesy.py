@@ -8,7 +8,7 @@ called only where a survey comes in and a position goes out. The arithmetic is p
 import numpy as np
 import pymap3d
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 Origin = tuple[float, float, float]  # latitude deg, longitude deg, ellipsoidal height m
 

@@ -15,7 +15,8 @@ import tomli_w
 from numpy.typing import NDArray
 
 from calib.errors import CalibrationError
-from edge.lens import Array, LensModel, pixel_to_ray, ray_to_pixel
+from edge.common.arrays import Array
+from edge.lens import LensModel, pixel_to_ray, ray_to_pixel
 
 POSE_SIZE = 6  # rotation vector (rad, camera frame), centre (m, ENU)
 FORMAT = 1

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import CalibrationError
-from edge.lens import Array, LensModel
+from edge.common.arrays import Array
+from edge.lens import LensModel
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,17 @@ class Observations:
 
     def __len__(self) -> int:
         return len(self.t_unix_ns)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Measurements of one camera in one frame: pixels (K, 2), label (K,) its own track numbers, sigma_px (K,)."""
+
+    camera: str
+    t_unix_ns: int
+    pixels: Array
+    label: NDArray[np.int64]
+    sigma_px: Array
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.network import POSE_SIZE, Camera
-from edge.lens import Array, distort, pixel_to_ray
+from edge.common.arrays import Array
+from edge.lens import distort, pixel_to_ray
 
 BORDER_STEPS: Final = 24  # pixels looked at along each edge of the image to find its widest ray
 MARGIN: Final = 1.02  # of that radius: a prediction may lie a little outside
@@ -32,14 +33,14 @@ class Sighting:
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """A camera with what every projection needs at hand. widest_ray: norm of the ray at the image's farthest corner."""
 
     camera: Camera
     widest_ray: float
 
     @classmethod
-    def of(cls, camera: Camera) -> "View":
+    def of(cls, camera: Camera) -> "CameraView":
         """The view of a camera."""
         width, height = camera.lens.size_px
         along = np.linspace(0.0, 1.0, BORDER_STEPS)

@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.errors import CalibrationError
 from calib.geodesy import Origin, enu_to_geodetic, geodetic_to_enu
-from edge.lens import Array
+from edge.common.arrays import Array
 
 INDEPENDENT_AFTER_S: Final = 1200.0  # three correlation times of the slow error: 5 % of it is still shared
 MAX_APART_H_M, MAX_APART_V_M = 0.050, 0.080  # twice what 95 % of good pairs differ by, measured on network RTK

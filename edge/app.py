@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from edge import __version__
+from edge.common.errors import ConfigError, SkyfixError
 from edge.config import BoxConfig, load, load_box
-from edge.errors import ConfigError, SkyfixError
 
 if TYPE_CHECKING:
     from edge.camera import CameraWorker
@@ -142,7 +142,7 @@ def _stop_on_signals(stop: threading.Event) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from edge.check import check_box, resolved  # noqa: PLC0415
+    from edge.commands.check import check_box, resolved  # noqa: PLC0415
 
     config = load(arguments.config, BoxConfig)  # a lens that is not measured yet is a finding, beside all others
     print(resolved(config))
@@ -155,7 +155,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _lens(arguments: argparse.Namespace) -> int:
-    from edge.lens_command import measure  # noqa: PLC0415
+    from edge.commands.lens import measure  # noqa: PLC0415
 
     print(measure(arguments))
     return DONE

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.frame import Image
-from edge.errors import ConfigError
-from edge.lens import Array
+from edge.common.arrays import Array
+from edge.common.errors import ConfigError
 
 # A second a picture. Cheaper searches were measured to find boards with a corner misplaced, which a lens fit follows.
 BOARD_SEARCH: Final = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -24,7 +24,7 @@ CHARUCO_DICTIONARY: Final = cv2.aruco.DICT_5X5_1000
 
 
 @dataclass(frozen=True)
-class View:
+class BoardView:
     """One picture's corners: board_mm `(N, 3)` on the board, image_px `(N, 2)` in the picture."""
 
     name: str
@@ -35,7 +35,7 @@ class View:
 class Board(Protocol):
     """A flat pattern whose corners are known."""
 
-    def find(self, name: str, image: Image) -> View | None:
+    def find(self, name: str, image: Image) -> BoardView | None:
         """The corners in a grey picture; None if the board is not found."""
 
 
@@ -47,14 +47,14 @@ class Chessboard:
     rows: int
     square_mm: float
 
-    def find(self, name: str, image: Image) -> View | None:
+    def find(self, name: str, image: Image) -> BoardView | None:
         """The corners to about 0.05 px; None if the whole board is not found."""
         found, corners = cv2.findChessboardCornersSB(image, (self.columns, self.rows), flags=BOARD_SEARCH)
         if not found:
             return None
         across, down = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
         board: Array = np.stack([across.ravel(), down.ravel(), np.zeros(across.size)], axis=1).astype(np.float64)
-        return View(name, board * self.square_mm, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
+        return BoardView(name, board * self.square_mm, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
 
 
 class Charuco:
@@ -66,14 +66,14 @@ class Charuco:
         self.board = cv2.aruco.CharucoBoard((columns + 1, rows + 1), square_mm, marker_mm, dictionary)
         self._detector = cv2.aruco.CharucoDetector(self.board)
 
-    def find(self, name: str, image: Image) -> View | None:
+    def find(self, name: str, image: Image) -> BoardView | None:
         """The corners that are seen; None if they are too few."""
         corners, numbers, _, _ = self._detector.detectBoard(image)
         if numbers is None or len(numbers) < FEWEST_CORNERS:
             return None
         chosen: NDArray[np.intp] = np.asarray(numbers, dtype=np.intp).ravel()
         board = np.asarray(self.board.getChessboardCorners(), dtype=np.float64)[chosen]
-        return View(name, board, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
+        return BoardView(name, board, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
 
 
 def parse_board(text: str, kind: str, square_mm: float) -> Board:

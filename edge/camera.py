@@ -12,14 +12,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from edge.capture import Source, is_live, is_lossless, open_source
-from edge.capture.frame import Frame
+from edge.capture import FrameSource, is_live, is_lossless, open_source
+from edge.capture.frame import Picture
 from edge.capture.reader import Reader
+from edge.common.errors import SkyfixError
+from edge.common.health import SEVERITY, Check
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector import open_detector
-from edge.errors import SkyfixError
-from edge.gate import Row
-from edge.health import SEVERITY, Check
+from edge.gate import TrackRow
 from edge.lens import LensModel
 from edge.messages import Lens, Tracks
 from edge.pipeline import CameraFacts, Pipeline, SideBySide
@@ -62,7 +62,7 @@ class CameraWorker:
             else None
         )
 
-        def open_it() -> Source:
+        def open_it() -> FrameSource:
             return open_source(camera, colour=self._detector.colour, stop=self._stop, unix_ns=unix_ns)
 
         self.reader = Reader(camera.id, open_it, live=is_live(camera), lossless=is_lossless(camera))
@@ -160,7 +160,7 @@ class CameraWorker:
             return Check(name, "warn", f"{share:.0%} of the frames were lost: too slow for this camera", action)
         return Check(name, "ok", "keeps up")
 
-    def glance(self) -> tuple[Frame, list[Row], str, str] | None:
+    def glance(self) -> tuple[Picture, list[TrackRow], str, str] | None:
         """The newest frame, its rows, the worst level and a line about it; None before the first frame."""
         if self.pipeline.latest is None:
             return None

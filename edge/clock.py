@@ -15,9 +15,9 @@ import threading
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from edge.common.health import Check
+from edge.common.utc import UtcMapping
 from edge.config import ClockConfig
-from edge.health import Check
-from edge.utc import UtcMapping
 
 ASK_TIMEOUT_S: Final = 2.0  # chronyc and pmc answer in milliseconds or not at all
 STATE_PERIOD_S: Final = 4.0  # chrony's own shortest polling intervals are of this order

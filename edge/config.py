@@ -1,6 +1,6 @@
 """The camera box's configuration: what the file may hold, and nothing else.
 
-Every key has a type, a range and a sentence, and `edge/settings.py` turns whatever does not fit into an error that
+Every key has a type, a range and a sentence, and edge/common/settings.py turns what does not fit into an error that
 names them. Durations are in seconds and speeds in pixels per second, so that a setting means the same on a camera of
 another frame rate. `deploy/edge.example.toml` shows every key; a test holds that it does.
 """
@@ -11,11 +11,11 @@ from typing import Annotated, Final, Literal
 import msgspec
 from msgspec import Meta
 
-from edge.errors import ConfigError
-from edge.lens import LensError, LensModel
-from edge.link.profile import BOX_LINK, LinkSettings
+from edge.common.errors import ConfigError, LensError
+from edge.common.settings import build, load
+from edge.lens import LensModel
+from edge.link.settings import BOX_LINK, LinkSettings
 from edge.messages import Name, SizePx, TimeNs
-from edge.settings import build, load
 
 __all__ = ["BoxConfig", "CameraConfig", "build", "load", "load_box", "load_lens"]
 

@@ -9,20 +9,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from edge.messages import Health, HealthItem, HealthLevel
+from edge.common.health import SEVERITY, Check, worst
+from edge.messages import Health, HealthItem
 
 CLEAR_AFTER_S: Final = 3.0  # s a better level must last before it is believed: longer than a flicker
-SEVERITY: Final[dict[HealthLevel, int]] = {"ok": 0, "warn": 1, "fail": 2}
-
-
-@dataclass(frozen=True)
-class Check:
-    """One observation about one thing, as of now. `action` is what the operator should do; empty if nothing."""
-
-    name: str
-    level: HealthLevel
-    reason: str
-    action: str = ""
 
 
 @dataclass(frozen=True)
@@ -60,11 +50,6 @@ class HealthBoard:
         if now - better_since >= self._clear_after_ns:
             return _Held(check, better_since)
         return replace(held, better_since_unix_ns=better_since)
-
-
-def worst(levels: Iterable[HealthLevel]) -> HealthLevel:
-    """The worst of some levels; "ok" of none."""
-    return max(levels, key=SEVERITY.__getitem__, default="ok")
 
 
 def _item(held: _Held) -> HealthItem:

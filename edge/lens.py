@@ -18,11 +18,9 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.errors import LensError, SkyfixError
+from edge.common.arrays import Array
+from edge.common.errors import LensError
 
-__all__ = ["Array", "LensError", "LensModel", "SkyfixError", "pixel_to_ray", "ray_to_pixel"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 NEWTON_STEPS: Final = 80  # 5 suffice; a damped way from the first guess to 87 degrees off the axis takes 60

@@ -14,9 +14,10 @@ from typing import Final, Literal
 import cv2
 import numpy as np
 
-from edge.boards import View
-from edge.errors import LensError
-from edge.lens import Array, LensModel, pixel_to_ray, ray_to_pixel
+from edge.boards import BoardView
+from edge.common.arrays import Array
+from edge.common.errors import LensError
+from edge.lens import LensModel, pixel_to_ray, ray_to_pixel
 
 Model = Literal["radtan", "fisheye"]
 
@@ -57,7 +58,7 @@ class _Calibration:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _LensFit:
     lens: LensModel
     view_rms: Array
 
@@ -66,7 +67,7 @@ class _Fit:
         return float(np.sqrt(np.mean(self.view_rms**2)))
 
 
-def fit_lens(views: Sequence[View], size_px: tuple[int, int], model: Model) -> LensFit:
+def fit_lens(views: Sequence[BoardView], size_px: tuple[int, int], model: Model) -> LensFit:
     """The lens that views of a board show. size_px: width, height of the pictures. Raises LensError if too few."""
     used = list(views)
     rejected: dict[str, str] = {}
@@ -85,8 +86,8 @@ def fit_lens(views: Sequence[View], size_px: tuple[int, int], model: Model) -> L
 
 
 def _reject(
-    used: list[View], rejected: dict[str, str], size_px: tuple[int, int], model: Model, coefficients: int
-) -> "_Fit":
+    used: list[BoardView], rejected: dict[str, str], size_px: tuple[int, int], model: Model, coefficients: int
+) -> "_LensFit":
     """Fit, moving the worst views from used to rejected one at a time until none is far worse than the others."""
     most = MOST_REJECTED * (len(used) + len(rejected))
     while True:
@@ -99,7 +100,7 @@ def _reject(
         del used[worst]
 
 
-def _need(views: Sequence[View]) -> None:
+def _need(views: Sequence[BoardView]) -> None:
     if len(views) < FEWEST_VIEWS:
         raise LensError(
             f"the board was found in {len(views)} pictures, {FEWEST_VIEWS} are needed",
@@ -108,7 +109,7 @@ def _need(views: Sequence[View]) -> None:
         )
 
 
-def _choose(views: Sequence[View], size_px: tuple[int, int], model: Model) -> int:
+def _choose(views: Sequence[BoardView], size_px: tuple[int, int], model: Model) -> int:
     """The fewest coefficients that held-out views ask for."""
     if model == "fisheye":
         return 4
@@ -120,7 +121,7 @@ def _choose(views: Sequence[View], size_px: tuple[int, int], model: Model) -> in
     return best
 
 
-def _calibrate(views: Sequence[View], size_px: tuple[int, int], model: Model, coefficients: int) -> _Fit:
+def _calibrate(views: Sequence[BoardView], size_px: tuple[int, int], model: Model, coefficients: int) -> _LensFit:
     """Zhang's method by OpenCV; the residuals are taken again with our own lens model.
 
     Each in the pose of the fit, from the board to the picture: while a bad picture is still among them the fitted lens
@@ -135,10 +136,10 @@ def _calibrate(views: Sequence[View], size_px: tuple[int, int], model: Model, co
         ) from error
     intrinsics = (found.matrix[0, 0], found.matrix[1, 1], found.matrix[0, 2], found.matrix[1, 2])
     lens = LensModel(model, tuple(map(float, intrinsics)), tuple(map(float, found.distortion)), size_px)  # type: ignore[arg-type]
-    return _Fit(lens, np.array([_rms(lens, view, *pose) for view, pose in zip(views, found.poses, strict=True)]))
+    return _LensFit(lens, np.array([_rms(lens, view, *pose) for view, pose in zip(views, found.poses, strict=True)]))
 
 
-def _radtan(views: Sequence[View], size_px: tuple[int, int], coefficients: int) -> _Calibration:
+def _radtan(views: Sequence[BoardView], size_px: tuple[int, int], coefficients: int) -> _Calibration:
     boards = [view.board_mm.astype(np.float32) for view in views]
     corners = [view.image_px.astype(np.float32) for view in views]
     fitted = cv2.calibrateCamera(boards, corners, size_px, None, None, flags=RADTAN_FLAGS[coefficients])
@@ -146,7 +147,7 @@ def _radtan(views: Sequence[View], size_px: tuple[int, int], coefficients: int) 
     return _calibration(matrix, np.asarray(distortion).ravel()[:coefficients], turns, shifts)
 
 
-def _fisheye(views: Sequence[View], size_px: tuple[int, int], _: int) -> _Calibration:
+def _fisheye(views: Sequence[BoardView], size_px: tuple[int, int], _: int) -> _Calibration:
     boards = [view.board_mm.reshape(1, -1, 3) for view in views]
     corners = [view.image_px.reshape(1, -1, 2) for view in views]
     guess = np.array([[size_px[0] / 3, 0, size_px[0] / 2], [0, size_px[0] / 3, size_px[1] / 2], [0, 0, 1.0]])
@@ -162,7 +163,7 @@ def _calibration(matrix: object, distortion: object, turns: Sequence[object], sh
     return _Calibration(np.asarray(matrix, float), np.asarray(distortion, float).ravel(), poses)
 
 
-def _held_out_rms(lens: LensModel, view: View) -> float:
+def _held_out_rms(lens: LensModel, view: BoardView) -> float:
     """How well a lens explains a view it was not fitted to, its pose alone fitted: rms distance of the corners, px."""
     # The corners' rays make it a pinhole problem; where the lens has no ray for a corner, it explains nothing.
     rays = pixel_to_ray(lens, view.image_px)
@@ -172,7 +173,7 @@ def _held_out_rms(lens: LensModel, view: View) -> float:
     return _rms(lens, view, np.asarray(turn, float), np.asarray(shift, float).ravel())
 
 
-def _rms(lens: LensModel, view: View, turn: Array, shift: Array) -> float:
+def _rms(lens: LensModel, view: BoardView, turn: Array, shift: Array) -> float:
     """Rms distance of a view's corners, px, from where a lens sees those of a board turned (Rodrigues) and shifted."""
     in_camera = view.board_mm @ np.asarray(cv2.Rodrigues(turn)[0]).T + shift
     off = ray_to_pixel(lens, in_camera[:, :2] / in_camera[:, 2:]) - view.image_px
@@ -180,7 +181,7 @@ def _rms(lens: LensModel, view: View, turn: Array, shift: Array) -> float:
 
 
 def _cross_validate(
-    views: Sequence[View], size_px: tuple[int, int], model: Model, coefficients: int
+    views: Sequence[BoardView], size_px: tuple[int, int], model: Model, coefficients: int
 ) -> tuple[float, float]:
     """Rms of views that a fit had not seen, and the jackknife sigma of the focal length."""
     folds = min(FOLDS, len(views))
@@ -196,7 +197,7 @@ def _cross_validate(
     return float(np.sqrt(np.mean(np.square(held_out)))), float(np.sqrt(variance.max()))
 
 
-def coverage(views: Sequence[View], size_px: tuple[int, int]) -> Array:
+def coverage(views: Sequence[BoardView], size_px: tuple[int, int]) -> Array:
     """How many corners were seen in each part of the image, `(rows, columns)`."""
     columns, rows = COVERAGE_CELLS
     corners = np.concatenate([view.image_px for view in views])

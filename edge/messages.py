@@ -13,7 +13,8 @@ from typing import Annotated, Final, Literal, TypeVar
 import msgspec
 from msgspec import Meta
 
-from edge.errors import MessageError
+from edge.common.errors import MessageError
+from edge.common.health import HealthLevel
 
 VERSION: Final = 1
 ENCODING: Final = "application/json"
@@ -94,9 +95,6 @@ class Fix(msgspec.Struct, frozen=True, kw_only=True):
     sigma_m: tuple[Sigma, Sigma, Sigma]
     frame: str
     samples: Annotated[int, Meta(ge=1)]
-
-
-HealthLevel = Literal["ok", "warn", "fail"]
 
 
 class HealthItem(msgspec.Struct, frozen=True, kw_only=True):

@@ -15,15 +15,16 @@ from typing import Final
 from edge.camera import CameraWorker, lens_message
 from edge.capture import is_live
 from edge.clock import ClockMonitor, check_clock
+from edge.common.health import Check
+from edge.common.own_thread import give_way_soon
+from edge.common.systemd_notify import Notifier
 from edge.config import BoxConfig, CameraConfig
 from edge.gnss.receiver import Receiver
-from edge.health import Check, HealthBoard
+from edge.health import HealthBoard
 from edge.link.health import LinkHealth
 from edge.link.link import Link
 from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Tracks, camera_key, encode
-from edge.own_thread import give_way_soon
-from edge.systemd_notify import Notifier
 from edge.temperature import check_temperature
 from edge.thumbnail import focus_score, thumbnail
 

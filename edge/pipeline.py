@@ -13,11 +13,11 @@ from typing import Final
 
 import numpy as np
 
-from edge.capture.frame import OF_THIS_BOX, Frame
+from edge.capture.frame import OF_THIS_BOX, Picture
+from edge.common.errors import ConfigError
 from edge.config import GateConfig
 from edge.detector import Array, Detections, Detector
-from edge.errors import ConfigError
-from edge.gate import Gate, Row, make_gate
+from edge.gate import Gate, TrackRow, make_gate
 from edge.lens import LensModel, pixel_to_ray
 from edge.messages import Detection, Tracks
 from edge.view import ViewWatch
@@ -53,34 +53,34 @@ class Pipeline:
         self._bound_s: float | None = None
         self._counts = dict.fromkeys(("frames_backwards", "rows_without_ray", "rows_published", "clock_stepped"), 0.0)
         self.view = ViewWatch()
-        self.latest: tuple[Frame, list[Row]] | None = None
+        self.latest: tuple[Picture, list[TrackRow]] | None = None
 
     def _new_gate(self, first_track: int) -> Gate:
         return make_gate(self._facts.gate, self._facts.lens.size_px, self._detector.score_usual, first_track)
 
-    def step(self, frame: Frame) -> list[Tracks]:
+    def step(self, frame: Picture) -> list[Tracks]:
         """The messages that one more frame decides. Raises ConfigError if the lens is of another resolution."""
         if not self._accept(frame):
             return []
         return self.conclude(frame, self._detector.detect(frame, self._gate.expected(frame.t_unix_ns)))
 
-    def look(self, frame: Frame) -> Detections:
+    def look(self, frame: Picture) -> Detections:
         """Detection alone, for detectors that remember nothing: several frames may be looked at side by side."""
         self._check_size(frame)
         return self._detector.detect(frame, NOWHERE)
 
-    def conclude(self, frame: Frame, found: Detections) -> list[Tracks]:
+    def conclude(self, frame: Picture, found: Detections) -> list[Tracks]:
         """Gating and undistortion of what was found in a frame, frames in order."""
         rows = self._gate.step(frame.t_unix_ns, found)
         self.view.update(frame)
         self.latest = (frame, rows)
         return self._messages(frame, rows)
 
-    def _accept(self, frame: Frame) -> bool:
+    def _accept(self, frame: Picture) -> bool:
         self._check_size(frame)
         return self.in_order(frame)
 
-    def in_order(self, frame: Frame) -> bool:
+    def in_order(self, frame: Picture) -> bool:
         """Whether a frame is later than the one before; one that is not is counted and left out."""
         last = self._last_t_unix_ns
         if last is not None and frame.t_unix_ns <= last:
@@ -92,7 +92,7 @@ class Pipeline:
         self._last_t_unix_ns = frame.t_unix_ns
         return True
 
-    def _check_size(self, frame: Frame) -> None:
+    def _check_size(self, frame: Picture) -> None:
         if frame.size_px != self._facts.lens.size_px:
             width, height = self._facts.lens.size_px
             raise ConfigError(
@@ -101,7 +101,7 @@ class Pipeline:
                 action="ask the camera for the lens's resolution (source.size_px), or measure the lens at the frames'",
             )
 
-    def _messages(self, frame: Frame, rows: list[Row]) -> list[Tracks]:
+    def _messages(self, frame: Picture, rows: list[TrackRow]) -> list[Tracks]:
         self._bound_s = total_bound_s(frame, self._clock_bound_s())
         seen = sorted(self._with_rays(rows), key=lambda pair: pair[0].t_unix_ns)
         by_time = groupby(seen, key=lambda pair: pair[0].t_unix_ns)
@@ -128,7 +128,7 @@ class Pipeline:
             late=late,
         )
 
-    def _with_rays(self, rows: list[Row]) -> list[tuple[Row, Array]]:
+    def _with_rays(self, rows: list[TrackRow]) -> list[tuple[TrackRow, Array]]:
         """Rows with their rays; those that the lens has no ray for are left out and counted."""
         if not rows:
             return []
@@ -138,7 +138,7 @@ class Pipeline:
         self._counts["rows_published"] += int(usable.sum())
         return [(row, ray) for row, ray, good in zip(rows, rays, usable.tolist(), strict=True) if good]
 
-    def _detection(self, row: Row, ray: Array) -> Detection:
+    def _detection(self, row: TrackRow, ray: Array) -> Detection:
         names = self._detector.class_names
         classes = {name: round(score, 4) for name, score in zip(names, row.classes, strict=False)}
         return Detection(
@@ -165,7 +165,7 @@ class Pipeline:
         }
 
 
-def total_bound_s(frame: Frame, clock_bound_s: float | None) -> float | None:
+def total_bound_s(frame: Picture, clock_bound_s: float | None) -> float | None:
     """How far a frame's time may be from UTC: its own bound, and this box's clock where it was stamped by that."""
     if frame.bound_s is None:
         return None
@@ -180,10 +180,10 @@ class SideBySide:
     def __init__(self, pipeline: Pipeline, workers: int) -> None:
         self._pipeline = pipeline
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="detect")
-        self._under_way: list[tuple[Frame, Future[Detections]]] = []
+        self._under_way: list[tuple[Picture, Future[Detections]]] = []
         self._workers = workers
 
-    def step(self, frame: Frame) -> list[Tracks]:
+    def step(self, frame: Picture) -> list[Tracks]:
         """Begin a frame; the messages of those that are done, waiting if every worker is busy."""
         if self._pipeline.in_order(frame):
             self._under_way.append((frame, self._pool.submit(self._pipeline.look, frame)))

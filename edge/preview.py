@@ -14,10 +14,10 @@ from typing import Final
 
 import cv2
 
-from edge.atomic import write_atomically
-from edge.capture.frame import Frame, Image
-from edge.errors import ConfigError
-from edge.gate import Row
+from edge.capture.frame import Image, Picture
+from edge.common.atomic import write_atomically
+from edge.common.errors import ConfigError
+from edge.gate import TrackRow
 
 log = logging.getLogger(__name__)
 
@@ -28,11 +28,11 @@ CONFIRMED_BGR: Final = (80, 255, 80)
 OTHER_BGR: Final = (80, 200, 255)
 LEVEL_BGR: Final = {"ok": (80, 255, 80), "warn": (80, 200, 255), "fail": (80, 80, 255)}
 
-Latest = Callable[[], tuple[Frame, list[Row], str, str] | None]
+Latest = Callable[[], tuple[Picture, list[TrackRow], str, str] | None]
 """Asks for the newest frame, its rows, the health level, and a line about it."""
 
 
-def draw(frame: Frame, rows: list[Row], level: str, line: str) -> bytes:
+def draw(frame: Picture, rows: list[TrackRow], level: str, line: str) -> bytes:
     """The frame as a JPEG with its tracks and a line of state."""
     scale = min(1.0, WIDTH_PX / frame.image.shape[1])
     size = (round(frame.image.shape[1] * scale), round(frame.image.shape[0] * scale))
@@ -112,7 +112,7 @@ class Preview:
 
 
 def _serve(preview: Preview, port: int) -> http.server.ThreadingHTTPServer:
-    class Handler(http.server.BaseHTTPRequestHandler):
+    class PreviewHandler(http.server.BaseHTTPRequestHandler):
         """One endless JPEG stream, as browsers show it by themselves."""
 
         def do_GET(self) -> None:
@@ -130,7 +130,7 @@ def _serve(preview: Preview, port: int) -> http.server.ThreadingHTTPServer:
             log.debug(format, *args)
 
     try:
-        server = http.server.ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", port), PreviewHandler)
     except OSError as error:
         raise ConfigError(f"port {port} is not free ({error})", where="--preview", action="name another") from error
     server.daemon_threads = True

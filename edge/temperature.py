@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from edge.health import Check
-from edge.messages import HealthLevel
+from edge.common.health import Check, HealthLevel
 
 ZONES: Final = Path("/sys/class/thermal")
 WARM_C: Final = 75.0  # a Raspberry Pi slows down at 80

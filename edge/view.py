@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.files import grey
-from edge.capture.frame import Frame, Image
+from edge.capture.frame import Image, Picture
 from edge.detector.motion import halved
 
 LOOK_NS: Final = 500_000_000  # ns between looks: a knock is over in less, and clouds move little
@@ -43,7 +43,7 @@ class ViewWatch:
         self.recent: deque[Shift] = deque()
         self.shifts = 0
 
-    def update(self, frame: Frame) -> Shift | None:
+    def update(self, frame: Picture) -> Shift | None:
         """The shift since the last look, if there was one; looks at most every LOOK_NS."""
         last = self._last
         if last is not None and last[1] == frame.segment and 0 <= frame.t_unix_ns - last[0] < LOOK_NS:
@@ -56,7 +56,7 @@ class ViewWatch:
             return None
         return self._compare(last[2], small, frame)
 
-    def _compare(self, before: NDArray[np.float32], now: NDArray[np.float32], frame: Frame) -> Shift | None:
+    def _compare(self, before: NDArray[np.float32], now: NDArray[np.float32], frame: Picture) -> Shift | None:
         if self._window is None or self._window.shape != now.shape:
             self._window = cv2.createHanningWindow((now.shape[1], now.shape[0]), cv2.CV_32F)
         (du, dv), response = cv2.phaseCorrelate(before, now, self._window)

@@ -21,7 +21,10 @@ from typing import Any, Final
 
 import msgspec
 
-from edge.errors import SkyfixError
+from calib.simulation.description import Simulation
+from calib.simulation.simulation import Watched, watch
+from calib.station.archive.scene_file import load
+from edge.common.errors import SkyfixError
 from tools.demonstration import picture, site
 from tools.demonstration.listener import Listener
 from tools.demonstration.processes import Program, Programs
@@ -29,8 +32,6 @@ from tools.demonstration.receivers import Receivers
 from tools.demonstration.score import PASS_M, Score, errors_m, followed_m, score
 from tools.demonstration.screen import Screen, View
 from tools.render import render
-from tools.scenes.description import Simulation, load
-from tools.scenes.simulation import Watched, watch
 
 SCENE: Final = Path(__file__).resolve().parent.parent / "deploy" / "scenes" / "demo.toml"
 OUTPUT: Final = Path("out") / "demo"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edge.errors import SkyfixError
+from edge.common.errors import SkyfixError
 from tools.scoring.detections import FALSE_RATES, Boxes, Scores, evaluate, no_boxes, together
 
 COLUMNS = ("frame", "x_px", "y_px", "width_px", "height_px")

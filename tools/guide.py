@@ -26,8 +26,9 @@ from calib.adjustment.projection import CAMERA_SIZE, CENTRE, ROTATION
 from calib.network import Camera
 from calib.solving.prediction import predict
 from calib.station.config import BaseConfig
+from edge.common.arrays import Array
 from edge.config import BoxConfig
-from edge.lens import Array, LensModel
+from edge.lens import LensModel
 from edge.messages import MESSAGES, Backlog, Inventory
 
 GUIDE: Final = Path(__file__).parents[1] / "deploy" / "GUIDE.md"

@@ -1,4 +1,4 @@
-"""Generate calib/station/mavlink/dialect.py, the private MAVLink dialect, from deploy/mavlink/skyfix.xml.
+"""Generate calib/station/outputs/mavlink/dialect.py, the private MAVLink dialect, from deploy/mavlink/skyfix.xml.
 
 Run after every change of the XML: `python -m tools.make_dialect`. Any change of a released message needs a new id.
 """
@@ -13,7 +13,7 @@ from pymavlink.generator import mavgen, mavparse
 
 ROOT = Path(__file__).resolve().parent.parent
 XML = ROOT / "deploy" / "mavlink" / "skyfix.xml"
-DIALECT = ROOT / "calib" / "station" / "mavlink" / "dialect.py"
+DIALECT = ROOT / "calib" / "station" / "outputs" / "mavlink" / "dialect.py"
 
 
 def generate(xml: str) -> str:

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import cv2
 
-from edge.errors import SkyfixError
+from calib.simulation.description import Simulation
+from calib.simulation.simulation import watch
+from calib.station.archive.scene_file import load
+from edge.common.errors import SkyfixError
 from tools.rendering.footage import Frame, footage
-from tools.scenes.description import Simulation, load
-from tools.scenes.simulation import watch
 
 HEADER = "frame,x_px,y_px,width_px,height_px,u_px,v_px,object,kind,visible"
 CODEC = "mp4v"  # the one that OpenCV's headless wheels write everywhere
@@ -79,7 +80,9 @@ def _end_quietly() -> None:
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tools.render", description=__doc__)
-    parser.add_argument("scene", type=Path, help="the scene's TOML file (tools/scenes/description.py lists every key)")
+    parser.add_argument(
+        "scene", type=Path, help="the scene's TOML file (calib/simulation/description.py lists every key)"
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="where videos and labels go")
     return parser.parse_args(argv)
 

@@ -11,15 +11,15 @@ from typing import Final
 
 import numpy as np
 
-from calib.adjustment.flight import Estimate
+from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.noise import robust_cost, robust_weight
-from calib.adjustment.normal import Factor, Normal, Step, factorise
+from calib.adjustment.normal import Factor, Normal, NormalStep, factorise
 from calib.adjustment.priors import CameraPrior, moved
 from calib.adjustment.projection import CAMERA_SIZE, CameraData, Projected, project
 from calib.adjustment.smoothness import Smoothness
 from calib.adjustment.weights import Fitted, Weights, renewed, steady
 from calib.errors import CalibrationError, LensError
-from edge.lens import Array
+from edge.common.arrays import Array
 
 ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
 LAST_ROUNDS: Final = 3  # with all rows, once a part of them is settled
@@ -60,7 +60,7 @@ class Problem:
 class Adjusted:
     """A settled adjustment: the estimate, its weights, the normal equations there, factorised, and every residual."""
 
-    estimate: Estimate
+    estimate: FlightEstimate
     weights: Weights
     normal: Normal
     factor: Factor
@@ -68,7 +68,7 @@ class Adjusted:
     rounds: int
 
 
-def adjust(problem: Problem, estimate: Estimate, weights: Weights) -> Adjusted:
+def adjust(problem: Problem, estimate: FlightEstimate, weights: Weights) -> Adjusted:
     """Adjust everything together, weights included, starting with `weights`: rather too wide than too narrow.
 
     Large problems are settled on a part of their rows first: rows a thirtieth of a second apart say nearly the same.
@@ -83,7 +83,7 @@ def adjust(problem: Problem, estimate: Estimate, weights: Weights) -> Adjusted:
     return adjust_rounds(problem, estimate, weights, ROUNDS)
 
 
-def adjust_rounds(problem: Problem, estimate: Estimate, weights: Weights, rounds: int) -> Adjusted:
+def adjust_rounds(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds: int) -> Adjusted:
     """Adjust all rows, at most `rounds` times with weights renewed in between."""
     for count in range(1, rounds + 1):
         at = _descend(_Point.of(problem, estimate, weights, Smoothness.at(estimate, weights.jerk_weight)))
@@ -101,18 +101,18 @@ class _Point:
     """The problem at one estimate under one set of weights."""
 
     problem: Problem
-    estimate: Estimate
+    estimate: FlightEstimate
     weights: Weights
     smoothness: Smoothness
     projected: tuple[Projected, ...]
 
     @classmethod
-    def of(cls, problem: Problem, estimate: Estimate, weights: Weights, smoothness: Smoothness) -> "_Point":
+    def of(cls, problem: Problem, estimate: FlightEstimate, weights: Weights, smoothness: Smoothness) -> "_Point":
         pairs = zip(estimate.cameras, problem.data, strict=True)
         images = tuple(project(camera, seen, estimate.flight, estimate.control) for camera, seen in pairs)
         return cls(problem, estimate, weights, smoothness, images)
 
-    def moved(self, step: Step) -> "_Point":
+    def moved(self, step: NormalStep) -> "_Point":
         changes = step.camera.reshape(-1, CAMERA_SIZE)
         cameras = tuple(moved(camera, change) for camera, change in zip(self.estimate.cameras, changes, strict=True))
         estimate = replace(self.estimate, cameras=cameras, control=self.estimate.control + step.control)

@@ -6,11 +6,11 @@ import numpy as np
 
 from calib.geometry.spline import ORDER, THIRD_DIFFERENCE, Flight
 from calib.network import Camera
-from edge.lens import Array
+from edge.common.arrays import Array
 
 
 @dataclass(frozen=True)
-class Estimate:
+class FlightEstimate:
     """All unknowns: the cameras, and the flight's control points (M, 3) in ENU metres."""
 
     cameras: tuple[Camera, ...]

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 CORE: Final = 2.5  # sigma: 95.6 % of good two-dimensional residuals lie within, 95 % efficiency is kept
 RAYLEIGH_MEDIAN: Final = 1.1774  # median length of a two-dimensional normal vector of unit sigma

@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_bande
 from scipy.sparse import csr_matrix
 
 from calib.geometry.spline import ORDER, Located
-from edge.lens import Array
+from edge.common.arrays import Array
 
 SUPERDIAGONALS: Final = 3 * ORDER - 1
 # Control points to a block of the inverse: at least 3 to make the matrix block tridiagonal, more to spare the loop.
@@ -85,7 +85,7 @@ def _scatter(weights: Array, first: NDArray[np.int64], controls: int) -> csr_mat
 
 
 @dataclass(frozen=True)
-class Step:
+class NormalStep:
     """A solution of the normal equations: control (M, 3), camera (K,)."""
 
     control: Array
@@ -100,13 +100,13 @@ class Factor:
     carried: Array
     camera_covariance: Array
 
-    def solve(self, normal: Normal) -> Step:
+    def solve(self, normal: Normal) -> NormalStep:
         """The step that the normal equations ask for."""
         K = len(normal.right_camera)
         a = cho_solve_banded((self.band, False), normal.right_control.ravel())
         camera = self.camera_covariance @ (normal.right_camera - normal.border.reshape(-1, K).T @ a)
         control = a - self.carried @ camera
-        return Step(control.reshape(-1, 3), camera)
+        return NormalStep(control.reshape(-1, 3), camera)
 
 
 def factorise(normal: Normal, damping: float = 0.0) -> Factor:

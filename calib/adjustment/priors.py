@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calib.adjustment.projection import CAMERA_SIZE, CENTRE, LENS, OFFSET, RATE, READOUT, ROTATION
 from calib.network import Camera
 from calib.observations import SiteCamera
-from edge.lens import Array
+from edge.common.arrays import Array
 
 FOCAL_SIGMA: Final = 0.01  # of the focal length: what checkerboard calibrations of consumer cameras disagree by
 PRINCIPAL_SIGMA: Final = 0.01  # of the focal length, likewise

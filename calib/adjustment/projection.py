@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from calib.geometry.spline import Flight, Located, evaluate, velocity
 from calib.network import Camera
-from edge.lens import Array, distort
+from edge.common.arrays import Array
+from edge.lens import distort
 
 # The unknowns of one camera, in the order of every Jacobian's columns.
 ROTATION: Final = slice(0, 3)  # rad, camera frame: R = exp(rotation) R_cam_enu

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.adjustment.flight import Estimate, jerk
+from calib.adjustment.flight import FlightEstimate, jerk
 from calib.adjustment.normal import Normal
 from calib.geometry.spline import ORDER, THIRD_DIFFERENCE
-from edge.lens import Array
+from edge.common.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -25,21 +25,21 @@ class Smoothness:
     square_reach: float
 
     @classmethod
-    def at(cls, estimate: Estimate, weight: float) -> "Smoothness":
+    def at(cls, estimate: FlightEstimate, weight: float) -> "Smoothness":
         """The prior whose weight holds for flights of this estimate's size."""
         return cls(weight, float((_about_middle(estimate) ** 2).sum()))
 
-    def _share(self, estimate: Estimate) -> tuple[Array, float]:
+    def _share(self, estimate: FlightEstimate) -> tuple[Array, float]:
         away = _about_middle(estimate)
         return away, self.square_reach / float((away**2).sum())
 
-    def cost(self, estimate: Estimate) -> float:
+    def cost(self, estimate: FlightEstimate) -> float:
         """What the flight's jerk costs, in squared sigmas."""
         _, share = self._share(estimate)
         third = jerk(estimate.flight, estimate.control)
         return float((third**2).sum()) * estimate.flight.spacing_s * self.weight * share
 
-    def add_to(self, normal: Normal, estimate: Estimate) -> None:
+    def add_to(self, normal: Normal, estimate: FlightEstimate) -> None:
         """Add it to the normal equations of a step from the estimate."""
         first, h = estimate.flight.piece_controls, estimate.flight.spacing_s
         third = jerk(estimate.flight, estimate.control)
@@ -54,7 +54,7 @@ class Smoothness:
         normal.right_control += self.cost(estimate) * away / float((away**2).sum())
 
 
-def _about_middle(estimate: Estimate) -> Array:
+def _about_middle(estimate: FlightEstimate) -> Array:
     """(M, 3) control points from their mean: about any fixed point a flight would gain by moving away from it."""
     away: Array = estimate.control - estimate.control.mean(0)
     return away

@@ -10,7 +10,7 @@ from calib.adjustment.bundle import Adjusted, Problem
 from calib.adjustment.normal import local_covariance
 from calib.adjustment.projection import CAMERA_SIZE, Projected
 from calib.geometry.spline import ORDER, Located
-from edge.lens import Array
+from edge.common.arrays import Array
 
 
 def camera_covariance(adjusted: Adjusted, problem: Problem) -> Array:

@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.adjustment.flight import Estimate, jerk
+from calib.adjustment.flight import FlightEstimate, jerk
 from calib.adjustment.noise import SMALLEST_SIGMA_PX, mean_square_px
 from calib.adjustment.normal import Factor, Normal, local_covariance
 from calib.adjustment.projection import CAMERA_SIZE, CameraData, Projected, site_time_s
 from calib.geometry.spline import ORDER, THIRD_DIFFERENCE
-from edge.lens import Array
+from edge.common.arrays import Array
 
 COMMON_FREEDOMS: Final = 50.0  # independent residuals the other cameras' example is worth: 10 % of sigma
 LEAST_REDUNDANCY: Final = 0.02  # share of its freedoms a camera keeps in any geometry of two
@@ -76,7 +76,9 @@ class Fitted:
     kept: Array
 
 
-def renewed(old: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], normal: Normal, factor: Factor) -> Weights:
+def renewed(
+    old: Weights, estimate: FlightEstimate, fitted: tuple[Fitted, ...], normal: Normal, factor: Factor
+) -> Weights:
     """Weights as the residuals now ask for."""
     local = local_covariance(normal.block)
     variance, freedoms = np.array([_variance(old.weighing_sigma_px[i], part, local) for i, part in enumerate(fitted)]).T
@@ -107,7 +109,9 @@ def _leverage(weighing_sigma_px: float, part: Fitted, local: Array) -> float:
     return float((used * information).sum() / (2 * max(part.kept.sum(), 1.0)))
 
 
-def disagreement(old: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], normal: Normal, factor: Factor) -> float:
+def disagreement(
+    old: Weights, estimate: FlightEstimate, fitted: tuple[Fitted, ...], normal: Normal, factor: Factor
+) -> float:
     """How much more the parts of the flight disagree about the cameras than the weights say they may; 1 is right.
 
     The scores of blocks of time (the flight eliminated) against the information they claim: the sandwich of Huber
@@ -120,7 +124,7 @@ def disagreement(old: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], n
     return float(((scores @ factor.camera_covariance) * scores).sum()) / claimed
 
 
-def _block_scores(old: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], factor: Factor) -> Array:
+def _block_scores(old: Weights, estimate: FlightEstimate, fitted: tuple[Fitted, ...], factor: Factor) -> Array:
     """(blocks, K) pull of each block of time on the cameras, the flight following them."""
     controls, K = len(estimate.control), len(factor.camera_covariance)
     blocks = [_blocks(estimate, index, part) for index, part in enumerate(fitted)]
@@ -140,7 +144,7 @@ def _block_scores(old: Weights, estimate: Estimate, fitted: tuple[Fitted, ...], 
     return scores[np.any(scores != 0, axis=1)]
 
 
-def _blocks(estimate: Estimate, index: int, part: Fitted) -> NDArray[np.int64]:
+def _blocks(estimate: FlightEstimate, index: int, part: Fitted) -> NDArray[np.int64]:
     """(N,) which block of time each row of a camera falls into."""
     flown = float((estimate.flight.end_s - estimate.flight.start_s).sum())
     length = min(LONGEST_BLOCK_S, flown / FEWEST_BLOCKS)
@@ -148,7 +152,7 @@ def _blocks(estimate: Estimate, index: int, part: Fitted) -> NDArray[np.int64]:
     return np.maximum(np.floor(since / length), 0).astype(np.int64)
 
 
-def _claimed(old: Weights, estimate: Estimate, normal: Normal, factor: Factor) -> float:
+def _claimed(old: Weights, estimate: FlightEstimate, normal: Normal, factor: Factor) -> float:
     """How many unknowns' worth of information on the cameras the pixels claim: all, less what priors and jerk say."""
     K = len(factor.camera_covariance)
     by_priors = float((factor.camera_covariance * normal.prior).sum())
@@ -159,7 +163,7 @@ def _claimed(old: Weights, estimate: Estimate, normal: Normal, factor: Factor) -
     return K - by_priors - by_jerk
 
 
-def _jerk_density(estimate: Estimate, local: Array) -> float:
+def _jerk_density(estimate: FlightEstimate, local: Array) -> float:
     """What the flight's jerk shows plus what its covariance hides (expectation maximisation, Dempster et al. 1977)."""
     h, first = estimate.flight.spacing_s, estimate.flight.piece_controls
     shown = jerk(estimate.flight, estimate.control) ** 2

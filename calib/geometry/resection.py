@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 RANSAC_ITERATIONS = 300  # four points at 50 % outliers need 72 for 99 %
 FEWEST_POINTS = 6

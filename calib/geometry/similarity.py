@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from calib.errors import CalibrationError
-from edge.lens import Array
+from edge.common.arrays import Array
 
 UP_WEIGHT: Final = 1e-2  # a survey knows the line's direction to a milliradian, a level knows up to a degree
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 ORDER: Final = 4  # control points that act at one instant
 # Rows: power of u; columns: control point (de Boor 1978, uniform knots).

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 RANSAC_CONFIDENCE = 0.9999
 # Five-point RANSAC at 40 % outliers wants 90 draws for that confidence; noise wastes most of them.

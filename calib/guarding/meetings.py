@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.guarding.raytracks import SAMPLES, RayTracks
 from calib.network import POSE_SIZE, Camera, Network
-from edge.lens import Array
+from edge.common.arrays import Array
 
 MATCH_SIGMA: Final = 3.0  # two rays meet
 NOISE_SHARE: Final = 0.6  # of a network's residual, in the median of SAMPLES detections

@@ -18,8 +18,8 @@ from calib.guarding.meetings import Meetings, attitude_sigma, median_low, meetin
 from calib.guarding.raytracks import RayTrack, RayTracks
 from calib.guarding.testimony import Accusation, Testimony, judge
 from calib.network import Network
-from calib.sighting import View
-from calib.tracking.targets import Frame
+from calib.observations import Frame
+from calib.sighting import CameraView
 
 HEARING_NS: Final = 200_000_000  # between hearings of one pair of witnesses: a twentieth of a core at most
 DONE: Final = object()  # what a round that is over gives
@@ -65,7 +65,7 @@ class Guard:
         self._tracks = RayTracks()
         self._network: Network | None = None
         self._ignored: set[str] = set()
-        self._views: dict[str, View] = {}
+        self._views: dict[str, CameraView] = {}
         self._since: dict[str, int] = {}
         self._testimony: defaultdict[str, deque[Testimony]] = defaultdict(lambda: deque(maxlen=400))
         self._turn = 0
@@ -82,7 +82,7 @@ class Guard:
         """Watch this network from now on."""
         self.forget()
         self._network = network
-        self._views = {camera.id: View.of(camera) for camera in network.cameras}
+        self._views = {camera.id: CameraView.of(camera) for camera in network.cameras}
 
     def forget(self) -> None:
         """There is no network any more."""

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from calib.network import Camera, Network
-from calib.tracking.targets import Frame
-from edge.lens import Array
+from calib.observations import Frame
+from edge.common.arrays import Array
 
 KEEP_NS: Final = 2_000_000_000
 MIN_ROWS: Final = 4

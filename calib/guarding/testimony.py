@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 WINDOWS_NS: Final = (
     2_000_000_000,
@@ -84,7 +84,7 @@ def _enough(stamps: NDArray[np.int64]) -> bool:
 
 
 def _accusation(
-    knocked: "_Fit", stepped: "_Fit", expected_px: float, clock_sigma_s: float, since_unix_ns: int
+    knocked: "_RayFit", stepped: "_RayFit", expected_px: float, clock_sigma_s: float, since_unix_ns: int
 ) -> Accusation | None:
     knock_px = float(np.linalg.norm(knocked.value[:2]))
     knock = knock_px / float(np.sqrt(np.trace(knocked.covariance[:2, :2]) / 2 + expected_px**2))
@@ -127,7 +127,7 @@ class _Said:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _RayFit:
     """Offset u, v px and delay s; (3, 3) covariance; what is left over."""
 
     value: Array
@@ -137,7 +137,7 @@ class _Fit:
 
 def _fit(
     said: _Said, inside: NDArray[np.bool_], offset_sigma_px: Array, delay_sigma_s: float, start: Array
-) -> list[_Fit]:
+) -> list[_RayFit]:
     """off = offset + delay * velocity for each window (W, N), robustly (Cauchy weights), with prior sigmas of both.
 
     start: (W, 2) offsets to begin with. All windows at once: this is asked of every camera several times a second.
@@ -156,7 +156,7 @@ def _fit(
         covariance = np.linalg.inv(normal)
         value = np.matmul(covariance, (weight @ targets)[:, :, None])[:, :, 0]
     cost = (inside * np.log1p(_squares(said, value) / (9 * noise2))).sum(axis=1)
-    return [_Fit(*fit) for fit in zip(value, covariance, cost.tolist(), strict=True)]
+    return [_RayFit(*fit) for fit in zip(value, covariance, cost.tolist(), strict=True)]
 
 
 def _squares(said: _Said, value: Array) -> Array:

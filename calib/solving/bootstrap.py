@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.adjustment.flight import Estimate
+from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.priors import READOUT_S
 from calib.adjustment.projection import CameraData, site_time_s
 from calib.errors import CalibrationError
@@ -23,8 +23,8 @@ from calib.network import Camera
 from calib.observations import Observations, Scene, SiteCamera
 from calib.solving.identity import Key
 from calib.solving.scaffold import Pose
-from calib.solving.series import Track, gap_to_nearest_s
-from edge.lens import Array
+from calib.solving.series import TrackSeries, gap_to_nearest_s
+from edge.common.arrays import Array
 
 SUSPICIOUS_MISFIT: Final = 0.08  # of the cameras' spread: a scaffold on unrefined lenses misses its survey by a few %
 CURE: Final = 0.35  # a swap or an omission that shrinks the misfit below this share of it has explained it
@@ -120,7 +120,7 @@ def to_enu(pose: Pose, site: SiteCamera, similarity: Similarity, offset_s: float
 
 
 def gather(
-    observations: Observations, tracks: list[Track], objects: dict[Key, int], name: str, t_mid: int
+    observations: Observations, tracks: list[TrackSeries], objects: dict[Key, int], name: str, t_mid: int
 ) -> CameraData:
     """A camera's rows that show an identified object, in time order, thinned to HIGHEST_RATE_HZ."""
     known = [track for track in tracks if (name, track.number) in objects]
@@ -187,7 +187,7 @@ def _says_enough(t_s: Array, seer: NDArray[np.int64]) -> bool:
 
 
 def first_control(
-    flight: Flight, cameras: tuple[Camera, ...], tracks: dict[str, list[Track]], objects: dict[Key, int]
+    flight: Flight, cameras: tuple[Camera, ...], tracks: dict[str, list[TrackSeries]], objects: dict[Key, int]
 ) -> Array:
     """Control points (M, 3) from triangulation at the knots; gaps bridged by straight lines."""
     control = np.empty((flight.controls, 3))
@@ -206,7 +206,7 @@ def first_control(
 
 
 def _triangulate_at(
-    t_s: Array, target: int, cameras: tuple[Camera, ...], tracks: dict[str, list[Track]], objects: dict[Key, int]
+    t_s: Array, target: int, cameras: tuple[Camera, ...], tracks: dict[str, list[TrackSeries]], objects: dict[Key, int]
 ) -> Array:
     rays, rotations, centres = [], [], []
     for camera in cameras:
@@ -234,16 +234,16 @@ def _implausible(points: Array, cameras: tuple[Camera, ...]) -> NDArray[np.bool_
 def first_estimate(
     scene: Scene,
     cameras: tuple[Camera, ...],
-    tracks: dict[str, list[Track]],
+    tracks: dict[str, list[TrackSeries]],
     objects: dict[Key, int],
     *,
     t_mid: int,
     spacing_s: float,
-) -> tuple[Estimate, tuple[CameraData, ...]]:
+) -> tuple[FlightEstimate, tuple[CameraData, ...]]:
     """Cameras, flight and the rows to adjust them by."""
     gathered = tuple(
         gather(scene.observations[camera.id], tracks[camera.id], objects, camera.id, t_mid) for camera in cameras
     )
     data = supported(cameras, gathered)
     flight = lay_flight(cameras, data, spacing_s)
-    return Estimate(cameras, flight, first_control(flight, cameras, tracks, objects)), data
+    return FlightEstimate(cameras, flight, first_control(flight, cameras, tracks, objects)), data

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from calib.solving.series import SHORTEST_TRACK, Track, even
-from edge.lens import Array
+from calib.solving.series import SHORTEST_TRACK, TrackSeries, even
+from edge.common.arrays import Array
 
 ROWS: Final = 240  # rows of a pair that are compared: thirty unknown-free ones for each of the eight unknowns
 COARSE_STEP_S: Final = 0.1  # a UAV at 10 m/s and 100 m moves 10 mrad in it: well inside the cliff's width
@@ -40,7 +40,7 @@ class Alignment:
     gain_as_stamped: float
 
 
-def align(first: list[Track], second: list[Track], range_s: float = NEAR_S) -> Alignment | None:
+def align(first: list[TrackSeries], second: list[TrackSeries], range_s: float = NEAR_S) -> Alignment | None:
     """The offset of the second camera's clock to the first's within +-range_s; None if the pair shares too little."""
     pairs = sorted(
         ((one, two) for one in first for two in second),
@@ -50,7 +50,7 @@ def align(first: list[Track], second: list[Track], range_s: float = NEAR_S) -> A
     return max((alignment for alignment in found if alignment), key=lambda a: a.score, default=None)
 
 
-def _align_tracks(one: Track, two: Track, range_s: float) -> Alignment | None:
+def _align_tracks(one: TrackSeries, two: TrackSeries, range_s: float) -> Alignment | None:
     coarse = np.arange(-range_s, range_s + COARSE_STEP_S / 2, COARSE_STEP_S)
     misfit, rows = _misfit(one, two, coarse)
     usable = rows >= max(3 * SHORTEST_TRACK, 0.2 * rows.max(initial=0))
@@ -67,7 +67,7 @@ def _align_tracks(one: Track, two: Track, range_s: float) -> Alignment | None:
     return Alignment(float(fine[at]), gain, gain * float(rows[at]), gain_as_stamped)
 
 
-def _misfit(one: Track, two: Track, offsets: Array) -> tuple[Array, Array]:
+def _misfit(one: TrackSeries, two: TrackSeries, offsets: Array) -> tuple[Array, Array]:
     """Mean squared algebraic epipolar error (K,) for each offset (K,), and how many rows (K,) it is the mean of."""
     # Rows are taken where the second camera saw something at any of the offsets.
     keep = (one.t_s >= two.t_s[0] + offsets[0] - 1) & (one.t_s <= two.t_s[-1] + offsets[-1] + 1)
@@ -101,7 +101,7 @@ def _spread(rays: Array) -> Array:
 
 
 def align_all(
-    tracks: dict[str, list[Track]], range_s: float = NEAR_S, trusted: frozenset[str] = frozenset()
+    tracks: dict[str, list[TrackSeries]], range_s: float = NEAR_S, trusted: frozenset[str] = frozenset()
 ) -> dict[str, float]:
     """Seconds to add to each camera's stamps; cameras that no pair convincingly ties to the others are not in it.
 

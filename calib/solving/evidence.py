@@ -18,7 +18,7 @@ from calib.adjustment.uncertainty import prediction_px2
 from calib.solving.refine import survey_check
 from calib.solving.series import gap_to_nearest_s
 from calib.solving.survey_check import NetworkCheck
-from edge.lens import Array
+from edge.common.arrays import Array
 
 GRID: Final = (6, 8)  # rows and columns the image is cut into: a lens's errors are smooth, and each cell needs rows
 SUPPORT_S: Final = 0.1  # two rows this near in time are of one place: 10 Hz cameras share every row

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.geometry.twoview import reprojection, triangulate
 from calib.solving.scaffold import Pose
-from calib.solving.series import SHORTEST_TRACK, Track, common
+from calib.solving.series import SHORTEST_TRACK, TrackSeries, common
 
 ROWS: Final = 80  # common rows two tracks are compared at
 SHORTEST_COMMON_S: Final = 1.0  # two tracks that share less have had no time to disagree
@@ -29,7 +29,7 @@ class _Match:
 
 
 def identify(
-    tracks: dict[str, list[Track]], offsets: dict[str, float], poses: dict[str, Pose], threshold_ray: float
+    tracks: dict[str, list[TrackSeries]], offsets: dict[str, float], poses: dict[str, Pose], threshold_ray: float
 ) -> dict[Key, int]:
     """The object, counted from 0, of every track that at least two cameras agree on.
 
@@ -57,7 +57,7 @@ def _at_once(one: set[Key], two: set[Key], spans: dict[Key, tuple[float, float]]
 
 
 def _matches(
-    tracks: dict[str, list[Track]], offsets: dict[str, float], poses: dict[str, Pose], threshold_ray: float
+    tracks: dict[str, list[TrackSeries]], offsets: dict[str, float], poses: dict[str, Pose], threshold_ray: float
 ) -> list[_Match]:
     found = []
     for one, two in combinations(sorted(poses), 2):

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.errors import CalibrationError
 from calib.observations import Scene, SiteCamera
-from calib.solving.series import Track, noise_ray, split_tracks
+from calib.solving.series import TrackSeries, noise_ray, split_tracks
 from edge.lens import LensModel
 
 STANDING_RAY: Final = 2e-3  # ray units over a whole track: 0.2 m at 100 m, what a lamp does in the wind
@@ -25,7 +25,7 @@ class Material:
     scene: Scene
     t_mid_unix_ns: int
     sites: dict[str, SiteCamera]
-    tracks: dict[str, list[Track]]
+    tracks: dict[str, list[TrackSeries]]
     left_out: dict[str, str]
 
 
@@ -54,7 +54,7 @@ def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] |
     return Material(scene, t_mid, sites, {name: own for name, own in moving.items() if own}, left_out)
 
 
-def _moves(track: Track) -> bool:
+def _moves(track: TrackSeries) -> bool:
     """Whether a track goes anywhere: one that stands still fits every geometry and every clock."""
     low, high = np.percentile(track.rays, [5, 95], axis=0)
     return bool(np.hypot(*(high - low)) > max(STANDING_RAY, STANDING_SIGMAS * noise_ray([track])))

@@ -13,14 +13,15 @@ import numpy as np
 
 from calib.adjustment.projection import CAMERA_SIZE, LENS
 from calib.network import POSE_SIZE, Camera
-from calib.sighting import View
-from edge.lens import Array, distort
+from calib.sighting import CameraView
+from edge.common.arrays import Array
+from edge.lens import distort
 
 DIRECTIONS: Final = 1200  # over the whole sphere, for drones fly below cameras on roofs: six degrees apart
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedAccuracy:
     """At points (N, 3): cameras (N,) int64 that see each; and, NaN where fewer than two do, one-sigma covariances.
 
     pixels_m2: (N, 3, 3) from the pixels' noise; network_m2: (N, 3, 3) from poses and lenses of all cameras together.
@@ -39,7 +40,7 @@ class Prediction:
         return total
 
 
-def predict(cameras: tuple[Camera, ...], sigma_px: Array, covariance: Array, points_enu: Array) -> Prediction:
+def predict(cameras: tuple[Camera, ...], sigma_px: Array, covariance: Array, points_enu: Array) -> PredictedAccuracy:
     """Predict at points (N, 3) ENU, at rest. sigma_px: (C,) a coordinate.
 
     covariance: (14 C, 14 C) of all unknowns in the order of projection.py; zeros where something is taken as known.
@@ -48,7 +49,7 @@ def predict(cameras: tuple[Camera, ...], sigma_px: Array, covariance: Array, poi
     information, coupling = np.zeros((n, 3, 3)), np.zeros((n, 3, CAMERA_SIZE * c))
     seeing = np.zeros(n, np.int64)
     for index, camera in enumerate(cameras):
-        view = View.of(camera)
+        view = CameraView.of(camera)
         image = view.sight(points_enu)
         seen = image.valid & view.inside(image.pixels)
         weight = seen / sigma_px[index] ** 2
@@ -62,7 +63,7 @@ def predict(cameras: tuple[Camera, ...], sigma_px: Array, covariance: Array, poi
     pixels[known] = np.linalg.inv(information[known])
     by_all = -pixels @ coupling
     network = by_all @ covariance @ by_all.transpose(0, 2, 1)
-    return Prediction(seeing, pixels, network, _shares(by_all, covariance, c))
+    return PredictedAccuracy(seeing, pixels, network, _shares(by_all, covariance, c))
 
 
 def _by_unknowns(camera: Camera, by_pose: Array, points_enu: Array) -> Array:

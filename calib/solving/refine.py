@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from calib.adjustment.bundle import Adjusted, Problem, adjust
-from calib.adjustment.flight import Estimate
+from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
 from calib.adjustment.projection import CAMERA_SIZE, CENTRE, ROTATION
 from calib.adjustment.weights import Weights
@@ -23,7 +23,7 @@ from calib.solving.beginning import Beginning
 from calib.solving.bootstrap import first_estimate
 from calib.solving.material import FEWEST_ROWS, Material
 from calib.solving.survey_check import FALSE_ALARM, GAUGE, NetworkCheck, check_survey
-from edge.lens import Array
+from edge.common.arrays import Array
 
 FIRST_SIGMA_RAY: Final = 0.005  # what a first estimate is good for, in ray units
 FEWEST_INLIERS: Final = 0.5  # share of a camera's rows within its noise: half clutter is no camera
@@ -88,7 +88,7 @@ def _most_doubtful(beginning: Beginning) -> str | None:
     return worst if enough and shares[worst] < float(np.median(list(shares.values()))) else None
 
 
-def _problem(material: Material, beginning: Beginning, knots_s: float) -> tuple[Problem, Estimate]:
+def _problem(material: Material, beginning: Beginning, knots_s: float) -> tuple[Problem, FlightEstimate]:
     cameras = on_site_time(beginning.cameras, material.sites)
     priors = camera_priors(cameras, material.sites, frozenset(beginning.disbelieved))
     if beginning.gauge:
@@ -117,7 +117,7 @@ def _local_gauge(priors: tuple[CameraPrior, ...], gauge: tuple[str, str]) -> tup
     return tuple(by_id[prior.mean.id] for prior in priors)
 
 
-def _first_weights(problem: Problem, estimate: Estimate) -> Weights:
+def _first_weights(problem: Problem, estimate: FlightEstimate) -> Weights:
     hops = np.linalg.norm(np.diff(estimate.control, axis=0), axis=1)
     speed = float(np.median(hops)) / estimate.flight.spacing_s
     sigma = np.array([FIRST_SIGMA_RAY * camera.lens.intrinsics[0] for camera in estimate.cameras])

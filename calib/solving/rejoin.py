@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from calib.adjustment.flight import Estimate
+from calib.adjustment.flight import FlightEstimate
 from calib.geometry.resection import FEWEST_POINTS, Resection, resect
 from calib.geometry.similarity import UNCHANGED
 from calib.geometry.spline import evaluate
@@ -19,15 +19,18 @@ from calib.solving.bootstrap import to_enu
 from calib.solving.clocks import COARSE_STEP_S, FAR_S, FINE_STEP_S, NEAR_S
 from calib.solving.identity import Key
 from calib.solving.scaffold import FAIR_SHARE, Pose, threshold_ray
-from calib.solving.series import Track, even
-from edge.lens import Array
+from calib.solving.series import TrackSeries, even
+from edge.common.arrays import Array
 
 ROWS: Final = 300  # of a track that are tried
 PATIENCE: Final = 3.0  # times the scaffold's threshold: the adjustment weighs a poor camera by its own residuals
 
 
 def rejoin(
-    estimate: Estimate, tracks: dict[str, list[Track]], sites: dict[str, SiteCamera], objects: dict[Key, int]
+    estimate: FlightEstimate,
+    tracks: dict[str, list[TrackSeries]],
+    sites: dict[str, SiteCamera],
+    objects: dict[Key, int],
 ) -> tuple[Camera, ...]:
     """Cameras that resect into the refined flight; their tracks are entered into `objects`."""
     present = {camera.id for camera in estimate.cameras}
@@ -41,8 +44,8 @@ def rejoin(
     return tuple(back)
 
 
-def _best(estimate: Estimate, tracks: list[Track]) -> tuple[Track, int, float, Pose] | None:
-    found: list[tuple[float, Track, int, float, Pose]] = []
+def _best(estimate: FlightEstimate, tracks: list[TrackSeries]) -> tuple[TrackSeries, int, float, Pose] | None:
+    found: list[tuple[float, TrackSeries, int, float, Pose]] = []
     for track in tracks[:3]:
         for target in np.unique(estimate.flight.target).tolist():
             for reach_s in (NEAR_S, FAR_S):
@@ -57,7 +60,7 @@ def _best(estimate: Estimate, tracks: list[Track]) -> tuple[Track, int, float, P
     return track, target, offset_s, pose
 
 
-def _points(estimate: Estimate, track: Track, target: int, offset_s: float) -> tuple[Array, Array]:
+def _points(estimate: FlightEstimate, track: TrackSeries, target: int, offset_s: float) -> tuple[Array, Array]:
     """Where the object was (N, 3) at a track's rows (N, 2) that lie on the flight."""
     chosen = even(len(track.t_s), ROWS)
     t = track.t_s[chosen] + offset_s
@@ -66,13 +69,13 @@ def _points(estimate: Estimate, track: Track, target: int, offset_s: float) -> t
     return evaluate(estimate.flight.locate(t[on], stretch[on]), estimate.control), track.rays[chosen][on]
 
 
-def _resect(estimate: Estimate, track: Track, target: int, offset_s: float) -> Pose | None:
+def _resect(estimate: FlightEstimate, track: TrackSeries, target: int, offset_s: float) -> Pose | None:
     points, rays = _points(estimate, track, target, offset_s)
     found: Resection | None = resect(points, rays, PATIENCE * threshold_ray([[track]]))
     return Pose(found.R, found.centre, found.share) if found else None
 
 
-def _clock(estimate: Estimate, track: Track, target: int, reach: float) -> float:
+def _clock(estimate: FlightEstimate, track: TrackSeries, target: int, reach: float) -> float:
     """The offset within +-reach seconds at which some projection (any 3 x 4 matrix) explains the track best."""
     best, step = 0.0, COARSE_STEP_S
     while step >= FINE_STEP_S / 2:

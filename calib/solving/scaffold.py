@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from calib.errors import CalibrationError
 from calib.geometry.resection import Resection, resect
 from calib.geometry.twoview import relative_poses, triangulate
-from calib.solving.series import Common, Track, common, noise_ray
-from edge.lens import Array
+from calib.solving.series import Common, TrackSeries, common, noise_ray
+from edge.common.arrays import Array
 
 ROWS: Final = 400  # common rows a relative pose is found from
 LENS_ERROR_RAY: Final = 0.006  # what a focal length 2 % off does at the middle of the image's half width
@@ -51,13 +51,13 @@ class Scaffold:
     tracks: NDArray[np.int64]
 
 
-def threshold_ray(tracks: list[list[Track]]) -> float:
+def threshold_ray(tracks: list[list[TrackSeries]]) -> float:
     """How far in ray units an observation may be off before anything is refined."""
     noise = max((noise_ray(own) for own in tracks), default=0.0)
     return float(np.hypot(LENS_ERROR_RAY, NOISE_SIGMAS * noise))
 
 
-def build(tracks: dict[str, list[Track]], offsets: dict[str, float]) -> Scaffold:
+def build(tracks: dict[str, list[TrackSeries]], offsets: dict[str, float]) -> Scaffold:
     """The best scaffold of all cameras that have an offset; tracks by camera, offsets in seconds.
 
     Raises CalibrationError if no two cameras see the same object long enough from different places.
@@ -84,7 +84,7 @@ def build(tracks: dict[str, list[Track]], offsets: dict[str, float]) -> Scaffold
     return best
 
 
-def _overlap(tracks: dict[str, list[Track]], offsets: dict[str, float], pair: tuple[str, str]) -> float:
+def _overlap(tracks: dict[str, list[TrackSeries]], offsets: dict[str, float], pair: tuple[str, str]) -> float:
     one, two = pair
     return float(
         sum(
@@ -104,7 +104,7 @@ def _merit(scaffold: Scaffold) -> float:
 
 
 def _candidates(
-    pair: tuple[str, str], seen: Common, tracks: dict[str, list[Track]], offsets: dict[str, float]
+    pair: tuple[str, str], seen: Common, tracks: dict[str, list[TrackSeries]], offsets: dict[str, float]
 ) -> list[Scaffold]:
     threshold = threshold_ray([tracks[name] for name in pair])
     found = []
@@ -130,7 +130,7 @@ def _angle(points: Array, centre: Array) -> Array:
     return angle
 
 
-def _with_others(scaffold: Scaffold, tracks: dict[str, list[Track]], offsets: dict[str, float]) -> Scaffold:
+def _with_others(scaffold: Scaffold, tracks: dict[str, list[TrackSeries]], offsets: dict[str, float]) -> Scaffold:
     poses = dict(scaffold.poses)
     for name in sorted(set(offsets) - set(poses)):
         pose = resect_camera(scaffold, tracks[name], offsets[name])
@@ -139,7 +139,7 @@ def _with_others(scaffold: Scaffold, tracks: dict[str, list[Track]], offsets: di
     return Scaffold(scaffold.pair, poses, scaffold.t_s, scaffold.points, scaffold.tracks)
 
 
-def resect_camera(scaffold: Scaffold, tracks: list[Track], offset_s: float) -> Pose | None:
+def resect_camera(scaffold: Scaffold, tracks: list[TrackSeries], offset_s: float) -> Pose | None:
     """Pose of one more camera against the scaffold's points, every track of it a candidate for every object."""
     points, rays, instants = [], [], []
     for track in tracks:

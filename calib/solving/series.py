@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.observations import Observations
-from edge.lens import Array, LensModel, pixel_to_ray
+from edge.common.arrays import Array
+from edge.lens import LensModel, pixel_to_ray
 
 LONGEST_BRIDGE_S: Final = 0.25  # a track is read between two of its rows no further apart: a UAV turns in longer
 MEDIAN_OF: Final = 9  # rows: four outliers among them do not move the median
@@ -27,7 +28,7 @@ MOST_TRACKS: Final = 40  # the longest are kept: every pair of two cameras' trac
 
 
 @dataclass(frozen=True)
-class Track:
+class TrackSeries:
     """One track of one camera: t_s (N,) seconds from t_mid, increasing; rays (N, 2); row (N,) in the observations."""
 
     number: int
@@ -56,7 +57,7 @@ class Track:
         return np.where(enclosed[:, None], rays, np.nan)
 
 
-def split_tracks(observations: Observations, lens: LensModel, t_mid_unix_ns: int) -> list[Track]:
+def split_tracks(observations: Observations, lens: LensModel, t_mid_unix_ns: int) -> list[TrackSeries]:
     """A camera's tracks, longest first; rows outside the lens model and repeated stamps are left out."""
     t_s = (observations.t_unix_ns - t_mid_unix_ns) * 1e-9
     rays = pixel_to_ray(lens, observations.pixels)
@@ -68,7 +69,7 @@ def split_tracks(observations: Observations, lens: LensModel, t_mid_unix_ns: int
         row = row[np.concatenate([[True], np.diff(t_s[row]) > 0])]
         row = row[_on_a_path(rays[row])]
         if len(row) >= SHORTEST_TRACK:
-            tracks.append(Track(int(number), t_s[row], rays[row], row))
+            tracks.append(TrackSeries(int(number), t_s[row], rays[row], row))
     tracks.sort(key=lambda track: (-track.duration_s, track.number))
     return tracks[:MOST_TRACKS]
 
@@ -88,7 +89,7 @@ def _on_a_path(rays: Array) -> NDArray[np.bool_]:
     return near
 
 
-def noise_ray(tracks: list[Track]) -> float:
+def noise_ray(tracks: list[TrackSeries]) -> float:
     """One sigma a coordinate of the white part of the noise, ray units, from the tracks' third differences."""
     parts = []
     for track in tracks:
@@ -125,7 +126,9 @@ class Common:
     track2: NDArray[np.int64]
 
 
-def common(first: list[Track], second: list[Track], offset1_s: float, offset2_s: float, most: int) -> Common:
+def common(
+    first: list[TrackSeries], second: list[TrackSeries], offset1_s: float, offset2_s: float, most: int
+) -> Common:
     """Every combination of a track of the first camera and one of the second, at the first's instants.
 
     offsets: what to add to each camera's stamps to get site time. At most `most` rows, evenly spread in time.

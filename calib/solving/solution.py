@@ -18,7 +18,8 @@ from calib.geometry.spline import Flight, evaluate
 from calib.network import POSE_SIZE, Network
 from calib.solving.evidence import Evidence
 from calib.solving.series import gap_to_nearest_s
-from edge.lens import Array, LensModel
+from edge.common.arrays import Array
+from edge.lens import LensModel
 
 ROWS_PER_S: Final = 20  # of a trajectory
 SEEN_WITHIN_S: Final = 0.1  # a camera sees the object "then" if one of its rows is this near: 10 Hz cameras count
@@ -68,7 +69,7 @@ class CameraReport:
 
 
 @dataclass(frozen=True)
-class Report:
+class SolutionReport:
     """How good a calibration is. findings: sentences, what was found wrong first. left_out: camera and why.
 
     weakest_sigma_m: the least certain direction of any camera's centre, and weakest_direction_enu (3,) which.
@@ -95,7 +96,7 @@ class Solution:
 
     network: Network
     trajectory: Trajectory
-    report: Report
+    report: SolutionReport
 
 
 def network_of(

@@ -22,8 +22,8 @@ from calib.solving.material import Material, prepare
 from calib.solving.refine import Refined, refine
 from calib.solving.rejoin import rejoin
 from calib.solving.solution import (
-    Report,
     Solution,
+    SolutionReport,
     Trajectory,
     camera_reports,
     network_of,
@@ -120,13 +120,13 @@ def _refuse_absurd(network: Network, trajectory: Trajectory) -> None:
         )
 
 
-def _report(material: Material, refined: Refined, *, evidence: bool) -> Report:
+def _report(material: Material, refined: Refined, *, evidence: bool) -> SolutionReport:
     adjusted, problem = refined.adjusted, refined.problem
     surveyed = {name: site.position_enu for name, site in material.sites.items() if site.position_enu is not None}
     cameras = camera_reports(adjusted, problem, surveyed, {name: site.lens for name, site in material.sites.items()})
     misfits = np.array([camera.survey_misfit_m for camera in cameras if camera.survey_misfit_m is not None])
     name, sigma, direction = weakest(adjusted, problem)
-    return Report(
+    return SolutionReport(
         cameras=cameras,
         left_out=_left_out(material, refined, {camera.id for camera in cameras}),
         findings=(*dict.fromkeys(refined.beginning.disbelieved.values()), *findings(cameras, material.sites)),

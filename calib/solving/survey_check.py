@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import stats
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 FALSE_ALARM: Final = 0.01  # of a good survey: one calibration in a hundred asks for a second look
 GAUGE: Final = 7  # what the cameras cannot know: place, attitude, scale

@@ -12,10 +12,10 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from calib.station.page.access import is_own
-from edge import settings
-from edge.errors import ConfigError
-from edge.link.profile import BASE_LINK, LinkSettings
+from edge.common import settings
+from edge.common.errors import ConfigError
+from edge.common.hosts import is_own
+from edge.link.settings import BASE_LINK, LinkSettings
 from edge.messages import Name
 
 MIN_CAMERAS: Final = 3  # fewer have no georeference: a line through two tripods leaves roll about it free

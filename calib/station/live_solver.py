@@ -11,8 +11,8 @@ from calib.network import Network
 from calib.observations import Scene
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
+from calib.station.core.jobs import Solved
 from calib.station.report import write_report
-from calib.station.worker import Solved
 
 log = logging.getLogger(__name__)
 

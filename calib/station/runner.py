@@ -19,20 +19,21 @@ from pymavlink.dialects.v20 import common
 
 from calib.network import Network, to_toml
 from calib.station.archive.backfill import Backfill
-from calib.station.archive.memory import Keeper
 from calib.station.archive.recording import Recorder
-from calib.station.calibration import Phase
+from calib.station.archive.state_store import StateStore
 from calib.station.config import BaseConfig
-from calib.station.core import Station, Tick
-from calib.station.mavlink.broadcast import Broadcast
-from calib.station.mavlink.messages import TrackerStatus
+from calib.station.core.calibration import Phase
+from calib.station.core.jobs import SolveResult
+from calib.station.core.positions import with_survey
+from calib.station.core.station import Station, Tick
+from calib.station.outputs.mavlink.broadcast import Broadcast
+from calib.station.outputs.mavlink.messages import TrackerStatus
 from calib.station.page.process import REPORT_FOLDER, PageProcess
 from calib.station.page.wire import Wish
-from calib.station.positions import with_survey
-from calib.station.snapshot import snapshot
-from calib.station.status_server import StatusServer, open_status
-from calib.station.worker import LIVE, Done, Solver, Worker
-from edge.health import Check
+from calib.station.status.server import StatusServer, open_status
+from calib.station.status.snapshot import snapshot
+from calib.station.worker import LIVE, Solver, Worker
+from edge.common.health import Check
 from edge.link.health import LinkHealth
 from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
@@ -62,7 +63,7 @@ class Runner:
         self.config = config
         site = config.site.name
         cameras = with_survey(config, folder)
-        self.keeper = stack.enter_context(Keeper(folder / config.state_folder))
+        self.keeper = stack.enter_context(StateStore(folder / config.state_folder))
         memory = self.keeper.load(set(cameras))
         self.station = Station(config, cameras, memory)
         self.epoch = memory.epoch
@@ -220,7 +221,7 @@ class Runner:
         self.station.extra_checks = self._own_checks()
         self.status.show(snapshot(self, now_ns))
 
-    def _solved(self, done: Done, now_ns: int) -> None:
+    def _solved(self, done: SolveResult, now_ns: int) -> None:
         network = self.station.solved(done)
         self.broadcast.calibrated(network is not None, now_ns)
         if done.error is not None:

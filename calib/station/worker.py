@@ -22,6 +22,7 @@ from typing import Any, Final, Protocol, Self, runtime_checkable
 from calib.errors import CalibrationError, SkyfixError
 from calib.network import Network
 from calib.observations import Scene
+from calib.station.core.jobs import Solved, SolveJob, SolveResult
 
 log = logging.getLogger(__name__)
 
@@ -30,40 +31,8 @@ NICENESS: Final = 10  # of the solving process: on a small computer tracking com
 TOO_LONG_S: Final = 300.0  # s: a solve that takes longer is stuck
 
 
-@dataclass(frozen=True)
-class Solved:
-    """What the live station needs of a solution, in words that need no solver to be read.
-
-    sigma_m: median one sigma of the flight's positions. left_out: camera and why. findings: what was found wrong.
-    """
-
-    network: Network
-    sigma_m: float
-    left_out: tuple[tuple[str, str], ...] = ()
-    findings: tuple[str, ...] = ()
-
-
 Solver = Callable[[Scene, Network | None], Solved]
 LIVE: Final = "calib.station.live_solver:solve_live"  # by name: only its own process needs to load the solver
-
-
-@dataclass(frozen=True)
-class Job:
-    """A scene to solve, from a network if there is one to begin with."""
-
-    number: int
-    scene: Scene
-    start: Network | None = None
-
-
-@dataclass(frozen=True)
-class Done:
-    """A job's result, or why there is none; and the seconds it took."""
-
-    number: int
-    solved: Solved | None
-    error: SkyfixError | None
-    seconds: float
 
 
 @runtime_checkable
@@ -75,7 +44,7 @@ class Reporting(Protocol):
 
 
 @dataclass(frozen=True)
-class Report:
+class ReportRequest:
     """A wish: the report on the job solved last, into this folder."""
 
     folder: Path
@@ -95,10 +64,10 @@ def _serve(pipe: Connection, wanted: Solver | str) -> None:
     solver = _loaded(wanted)
     while True:
         try:
-            job: Job | Report = pipe.recv()
+            job: SolveJob | ReportRequest = pipe.recv()
         except EOFError:
             return
-        if isinstance(job, Report):
+        if isinstance(job, ReportRequest):
             _report(solver, job.folder)
             continue
         began = time.monotonic()
@@ -109,7 +78,7 @@ def _serve(pipe: Connection, wanted: Solver | str) -> None:
             error = fault
         except (ArithmeticError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, ImportError) as bug:
             error = _bug(bug)
-        pipe.send(Done(job.number, solved, error, time.monotonic() - began))
+        pipe.send(SolveResult(job.number, solved, error, time.monotonic() - began))
 
 
 def _bug(bug: Exception) -> SkyfixError:
@@ -129,7 +98,7 @@ def _report(solver: Solver, folder: Path) -> None:
         log.warning("no report: %s", error)
 
 
-def _send(pipe: Connection, job: Job) -> None:
+def _send(pipe: Connection, job: SolveJob) -> None:
     try:
         pipe.send(job)
     except OSError as error:  # the process died: poll says so
@@ -144,7 +113,7 @@ class Worker:
         self._context = multiprocessing.get_context("spawn")
         self._process: Any = None
         self._pipe: Connection | None = None
-        self._job: Job | None = None
+        self._job: SolveJob | None = None
         self._since = 0.0
 
     def __enter__(self) -> Self:
@@ -161,7 +130,7 @@ class Worker:
         """Whether a job is being worked on."""
         return self._job is not None
 
-    def submit(self, job: Job) -> bool:
+    def submit(self, job: SolveJob) -> bool:
         """Give it a job; False if it has one already."""
         if self.busy:
             return False
@@ -178,17 +147,17 @@ class Worker:
         """Have the report on the job solved last written; ask before the next job is given."""
         if self._pipe is not None and not self.busy:
             try:
-                self._pipe.send(Report(folder))
+                self._pipe.send(ReportRequest(folder))
             except OSError as error:  # the process died: the next job starts another
                 log.debug("no report: %s", error)
 
-    def poll(self) -> Done | None:
+    def poll(self) -> SolveResult | None:
         """The finished job, if it finished since the last call; a process that died has failed its job."""
         if self._job is None or self._pipe is None:
             return None
         try:
             if self._pipe.poll():
-                done: Done = self._pipe.recv()
+                done: SolveResult = self._pipe.recv()
                 self._job = None
                 return done
         except (EOFError, OSError):
@@ -213,11 +182,11 @@ class Worker:
                 self._process.join(STOP_S)
             self._process = None
 
-    def _failed(self, what: str) -> Done:
+    def _failed(self, what: str) -> SolveResult:
         assert self._job is not None
         number, self._job = self._job.number, None
         error = CalibrationError(what, where="solver", action="look at the computer's memory; it is started again")
-        return Done(number, None, error, time.monotonic() - self._since)
+        return SolveResult(number, None, error, time.monotonic() - self._since)
 
     def _start(self) -> None:
         self.close()

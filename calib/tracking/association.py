@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 GATE: Final = 16.0  # squared normalised distance, 2 degrees of freedom: 3 true ones in 10 000 fall outside
 

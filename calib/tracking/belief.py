@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 MEMORY: Final = 0.97  # a frame: evidence is worth half after 23 frames
 SUPPORTS: Final = 0.4  # hits a frame of a camera that sees it; a detector in bad light still reaches that
@@ -29,7 +29,7 @@ NO_LABEL: Final = -1
 
 
 @dataclass(frozen=True)
-class Evidence:
+class AssociationEvidence:
     """Of detections taken (K,): the camera's track number, log-likelihood ratio, squared normalised innovation."""
 
     label: NDArray[np.int64]
@@ -82,7 +82,7 @@ class Beliefs:
             setattr(self, name, np.where(known >= 0, old[:, np.maximum(known, 0)], empty).astype(old.dtype))
         self.last_s, self._born_s, self._seen_s = self.last_s + shift_s, self._born_s + shift_s, self._seen_s + shift_s
 
-    def hit(self, camera: int, which: NDArray[np.int64], t_s: float, evidence: Evidence) -> None:
+    def hit(self, camera: int, which: NDArray[np.int64], t_s: float, evidence: AssociationEvidence) -> None:
         """Camera saw targets `which` (K,) at t_s."""
         self._seen_s[which, camera] = t_s
         self.label[which, camera] = evidence.label

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calib.network import Network
 from calib.tracking.motion import Singer
 from calib.tracking.tracklets import SIGMA_FLOOR_M, Limits, Newborn, Tracklet, bearing_sigma, straight_flight
-from edge.lens import Array
+from edge.common.arrays import Array
 
 WINDOW_S: Final = 0.8  # s of rays looked at: a flight is nearly straight for so long
 MEET_SIGMA: Final = 4.0  # one sigma of two rays' distance, that they may miss each other by

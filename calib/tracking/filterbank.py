@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.network import POSE_SIZE, Network
-from calib.sighting import Sighting, View
+from calib.sighting import CameraView, Sighting
 from calib.tracking.motion import STATE, Singer
-from edge.lens import Array
+from edge.common.arrays import Array
 
 VIGOUR: Final = (0.02, 4.0)  # of a target: a balloon to a hawk, against the motion model's variance
 AWAKES_S: Final = 0.5  # s: how soon a target that begins to turn is believed
@@ -32,7 +32,7 @@ LOOKS: Final = 4  # linearisations at most
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedStates:
     """All states taken to one instant: `state` (N, 9), `covariance` (N, 9, 9), by the `transition` (N, 9, 9) that did.
 
     base_*: what an update is applied to, at `base_t_s`: the same, or for a late instant the states as they stand;
@@ -76,7 +76,7 @@ class Look:
     """One camera's rays, and how it should see the targets they are of: the view, by number, and the sighting there."""
 
     camera: int
-    view: View
+    view: CameraView
     sighting: Sighting
     rays: Rays
 
@@ -179,7 +179,7 @@ class FilterBank:
         self.with_poses, self.t_s = self.with_poses[which], self.t_s[which]
         self.vigour, self.watched = self.vigour[which], self.watched[which]
 
-    def predict(self, t_s: float) -> Prediction:
+    def predict(self, t_s: float) -> PredictedStates:
         """All states at t_s, which may lie a little before them."""
         dt_s = t_s - self.t_s
         F = self.motion.transition(dt_s)
@@ -189,10 +189,10 @@ class FilterBank:
         covariance += self.motion.noise(dt_s) * self.expected_vigour[:, None, None]
         if (dt_s >= 0).all():
             now = np.full(len(self), t_s)
-            return Prediction(F, state, covariance, F, now, state, covariance, covariance)
+            return PredictedStates(F, state, covariance, F, now, state, covariance, covariance)
         ahead = dt_s >= 0
         ahead1, ahead2 = ahead[:, None], ahead[:, None, None]
-        return Prediction(
+        return PredictedStates(
             F,
             state,
             covariance,
@@ -203,7 +203,7 @@ class FilterBank:
             np.where(ahead2, covariance, half.transpose(0, 2, 1)),
         )
 
-    def expect(self, prediction: Prediction, sighting: Sighting, camera: int) -> Expected:
+    def expect(self, prediction: PredictedStates, sighting: Sighting, camera: int) -> Expected:
         """What camera number `camera` should see, without the detector's own noise."""
         H, at = sighting.by_point, slice(POSE_SIZE * camera, POSE_SIZE * (camera + 1))
         drift = np.matmul(H, prediction.state[:, 3:6, None])[:, :, 0]
@@ -214,7 +214,7 @@ class FilterBank:
         pose = np.matmul(pose, sighting.by_pose.transpose(0, 2, 1))
         return Expected(sighting, drift, seen + shared + shared.transpose(0, 2, 1) + pose)
 
-    def update(self, prediction: Prediction, which: NDArray[np.intp], look: "Look") -> Array:
+    def update(self, prediction: PredictedStates, which: NDArray[np.intp], look: "Look") -> Array:
         """Let targets `which` (K,) take one ray each.
 
         Returns each one's squared normalised innovation (K,), 2 degrees of freedom.
@@ -240,7 +240,7 @@ class FilterBank:
         self._take(prediction, which, line, at)
         return distance2
 
-    def _take(self, prediction: Prediction, which: NDArray[np.intp], line: _Line, at: slice) -> None:
+    def _take(self, prediction: PredictedStates, which: NDArray[np.intp], line: _Line, at: slice) -> None:
         passed_s = prediction.base_t_s[which] - self.t_s[which]
         transition = prediction.base_transition[which]
         in_pixels = np.matmul(prediction.cross[which], line.H.transpose(0, 2, 1))

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 STATE: Final = 9
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)  # exact to 1e-9 of the integral for steps below tau

@@ -18,15 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.network import Network
-from calib.sighting import View
+from calib.observations import Frame
+from calib.sighting import CameraView
 from calib.tracking.association import GATE, assign
-from calib.tracking.belief import Beliefs, Evidence
+from calib.tracking.belief import AssociationEvidence, Beliefs
 from calib.tracking.birth import WINDOW_S, births
 from calib.tracking.filterbank import Expected, FilterBank, Look, Rays
 from calib.tracking.motion import Singer
 from calib.tracking.pixelbias import with_bias
 from calib.tracking.tracklets import Limits, LooseRay, Newborn, tracklets
-from edge.lens import Array
+from edge.common.arrays import Array
 
 SCAN_S: Final = 0.1  # s between searches for newborns
 LOOSE_RAYS: Final = 4000  # kept at most; a detector in flood must not slow the loop
@@ -40,7 +41,7 @@ TENTATIVE_S: Final = 1.5  # s a tentative target may go unseen
 TWIN_SIGMA2: Final = 12.0  # squared normalised distance within which two targets are one object, 3 degrees of freedom
 
 
-class State(StrEnum):
+class TargetState(StrEnum):
     """The life of a target."""
 
     TENTATIVE = "tentative"
@@ -61,22 +62,11 @@ class TrackerOptions:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """Measurements of one camera in one frame: pixels (K, 2), label (K,) its own track numbers, sigma_px (K,)."""
-
-    camera: str
-    t_unix_ns: int
-    pixels: Array
-    label: NDArray[np.int64]
-    sigma_px: Array
-
-
-@dataclass(frozen=True)
-class Estimate:
+class TargetEstimate:
     """Where a target is. covariance: (6, 6) of position and velocity, ENU. age_s: since its last measurement."""
 
     track: int
-    state: State
+    state: TargetState
     t_unix_ns: int
     position_enu: Array
     velocity_enu: Array
@@ -102,7 +92,7 @@ class Tracker:
 
     def _adopt(self, network: Network) -> None:
         self._network = network
-        self._views = [View.of(camera) for camera in network.cameras]
+        self._views = [CameraView.of(camera) for camera in network.cameras]
         self._number = {camera.id: k for k, camera in enumerate(network.cameras)}
 
     @property
@@ -180,7 +170,7 @@ class Tracker:
             look = Look(number, self._views[number], sighting.chosen(which), chosen)
             distance2 = self._bank.update(prediction, which, look)
             gain = odds[which, detection] - distance2 / 2
-            self._beliefs.hit(number, which, t_s, Evidence(label[detection], gain, distance2))
+            self._beliefs.hit(number, which, t_s, AssociationEvidence(label[detection], gain, distance2))
             taken[detection] = True
             due[which] = False
         self._beliefs.miss(number, np.nonzero(due)[0], MISSED)
@@ -221,7 +211,7 @@ class Tracker:
         cost[:, [k for _, k in first]] = 0.0
         return first + assign(np.where(confirmed[:, None], 0.0, cost), 0.0), odds
 
-    def advance(self, now_s: float) -> list[Estimate]:
+    def advance(self, now_s: float) -> list[TargetEstimate]:
         """Let time pass: births, confirmations, losses. Returns the last estimates of targets lost now."""
         if now_s - self._scanned_s < SCAN_S:
             return []
@@ -250,7 +240,7 @@ class Tracker:
         self._next_track += 1
         self.counters["born"] += 1
 
-    def _bury(self, now_s: float) -> list[Estimate]:
+    def _bury(self, now_s: float) -> list[TargetEstimate]:
         silent_s = now_s - self._beliefs.last_s
         sigma_m = np.sqrt(np.abs(np.linalg.eigvalsh(self._bank.covariance[:, :3, :3])[:, -1])) if len(self._bank) else 0
         confirmed = self._beliefs.confirmed
@@ -260,7 +250,7 @@ class Tracker:
         dead |= self._twins()
         if not dead.any():
             return []
-        lost = [self._estimate(k, now_s, State.LOST) for k in np.nonzero(dead & confirmed)[0].tolist()]
+        lost = [self._estimate(k, now_s, TargetState.LOST) for k in np.nonzero(dead & confirmed)[0].tolist()]
         self.counters["lost"] += len(lost)
         self._bank.keep(~dead)
         self._beliefs.keep(~dead)
@@ -279,7 +269,7 @@ class Tracker:
                 twin[k] |= bool(both @ np.linalg.solve(P, both) < TWIN_SIGMA2 and self._beliefs.rivals(int(j), k))
         return twin
 
-    def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[Estimate]:
+    def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[TargetEstimate]:
         """All targets that are confirmed (or those of `tracks`), each at the time of its last measurement."""
         chosen = [
             k
@@ -288,7 +278,7 @@ class Tracker:
         ]
         return [self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen]
 
-    def predicted(self, now_s: float) -> list[Estimate]:
+    def predicted(self, now_s: float) -> list[TargetEstimate]:
         """All targets that are confirmed, each moved on to now, with what that adds to its covariance."""
         chosen = np.nonzero(self._beliefs.confirmed)[0].tolist()
         return [self._estimate(k, now_s, self._state_of(k, now_s), moved_on=True) for k in chosen]
@@ -303,11 +293,11 @@ class Tracker:
         """How many targets are tentative."""
         return int(np.count_nonzero(~self._beliefs.confirmed))
 
-    def _state_of(self, k: int, now_s: float) -> State:
-        return State.COASTING if now_s - self._beliefs.last_s[k] > COASTS_AFTER_S else State.CONFIRMED
+    def _state_of(self, k: int, now_s: float) -> TargetState:
+        return TargetState.COASTING if now_s - self._beliefs.last_s[k] > COASTS_AFTER_S else TargetState.CONFIRMED
 
-    def _estimate(self, k: int, now_s: float, state: State, *, moved_on: bool = False) -> Estimate:
-        still = state is State.CONFIRMED and not moved_on
+    def _estimate(self, k: int, now_s: float, state: TargetState, *, moved_on: bool = False) -> TargetEstimate:
+        still = state is TargetState.CONFIRMED and not moved_on
         dt_s = 0.0 if still else max(now_s - float(self._bank.t_s[k]), 0.0)
         x, P, t_s = self._bank.state[k], self._bank.covariance[k], float(self._bank.t_s[k])
         if dt_s > 0:
@@ -316,7 +306,7 @@ class Tracker:
             surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_vigour[k]
             x, P, t_s = F @ x, F @ P @ F.T + surprise, t_s + dt_s
         seen = self._beliefs.seen_by(k)
-        return Estimate(
+        return TargetEstimate(
             track=self._beliefs.track[k],
             state=state,
             t_unix_ns=self.network.t_mid_unix_ns + round(t_s * 1e9),

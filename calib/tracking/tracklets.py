@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.network import POSE_SIZE, Network
 from calib.tracking.motion import STATE, Singer
-from edge.lens import Array
+from edge.common.arrays import Array
 
 MIN_RAYS: Final = 3  # a line in time through two rays always fits
 MIN_SPAN_S: Final = 0.06  # s: two frames at 30 Hz; less says nothing of motion

@@ -9,13 +9,13 @@ from typing import Final, Literal
 import cv2
 
 from edge.capture.files import ImageFolder, VideoFile
-from edge.capture.frame import Frame, Image, Source, TimeSource
+from edge.capture.frame import FrameSource, Image, Picture, TimeSource
 from edge.capture.live import RtspStream, V4l2Camera, open_rtsp, open_v4l2
 from edge.capture.pacing import Realtime
+from edge.common.errors import ConfigError
 from edge.config import CameraConfig
-from edge.errors import ConfigError
 
-__all__ = ["Frame", "Image", "Source", "TimeSource", "is_live", "is_lossless", "kind_of", "open_source"]
+__all__ = ["FrameSource", "Image", "Picture", "TimeSource", "is_live", "is_lossless", "kind_of", "open_source"]
 
 # A recording that nobody dated is dated to this instant, so that it can be looked at, with a bound that says so.
 UNDATED_T_UNIX_NS: Final = 1_500_000_000 * 10**9
@@ -56,7 +56,9 @@ def is_lossless(camera: CameraConfig) -> bool:
     return not is_live(camera) and not camera.source.realtime
 
 
-def open_source(camera: CameraConfig, *, colour: bool, stop: threading.Event, unix_ns: Callable[[int], int]) -> Source:
+def open_source(
+    camera: CameraConfig, *, colour: bool, stop: threading.Event, unix_ns: Callable[[int], int]
+) -> FrameSource:
     """The camera's source, opened.
 
     colour: whether BGR is needed. stop: set to end every wait within it. unix_ns: UTC of a monotonic stamp.
@@ -80,7 +82,7 @@ def open_source(camera: CameraConfig, *, colour: bool, stop: threading.Event, un
     return _open_recording(camera, kind, colour, stop)
 
 
-def _open_recording(camera: CameraConfig, kind: Kind, colour: bool, stop: threading.Event) -> Source:
+def _open_recording(camera: CameraConfig, kind: Kind, colour: bool, stop: threading.Event) -> FrameSource:
     source = camera.source
     dated = source.t0_unix_ns is not None
     t0_unix_ns = (source.t0_unix_ns if dated else UNDATED_T_UNIX_NS) - round(source.delay_s * 1e9)  # type: ignore[operator]

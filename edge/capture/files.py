@@ -13,8 +13,8 @@ from typing import Final
 
 import cv2
 
-from edge.capture.frame import Frame, Image
-from edge.errors import SourceError
+from edge.capture.frame import Image, Picture
+from edge.common.errors import SourceError
 
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 STANDING_FRAMES: Final = 3  # frames with one time: an index is missing, and the rest will be the same
@@ -62,7 +62,7 @@ class VideoFile:
         self._count = 0
         self._first_ms = 0.0
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next frame; None at the end."""
         t_unix_ns = self.grab()
         return None if t_unix_ns is None else self.retrieve(t_unix_ns)
@@ -87,12 +87,12 @@ class VideoFile:
         self._count += 1
         return t_unix_ns
 
-    def retrieve(self, t_unix_ns: int) -> Frame | None:
+    def retrieve(self, t_unix_ns: int) -> Picture | None:
         """The frame last grabbed; None where it cannot be decoded, as at the end of a file that was cut off."""
         ok, image = self._capture.retrieve()
         if not ok:
             return None
-        return Frame(t_unix_ns, image if self._colour else grey(image), "file", self._bound_s, self._segment)
+        return Picture(t_unix_ns, image if self._colour else grey(image), "file", self._bound_s, self._segment)
 
     def close(self) -> None:
         """Close the file."""
@@ -141,7 +141,7 @@ class ImageFolder:
         self._files = self._follow() if follow else iter(self._names(""))
         self._count = itertools.count()
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next image; None at the end. Raises SourceError for a file that is no image."""
         file = next(self._files, None)
         if file is None:
@@ -149,7 +149,7 @@ class ImageFolder:
         image = cv2.imread(str(file), self._flag)
         if image is None:
             raise SourceError("is no image that can be read", where=str(file), action="remove it from the folder")
-        return Frame(self._stamp(file, next(self._count)), image, "file", self._bound_s)
+        return Picture(self._stamp(file, next(self._count)), image, "file", self._bound_s)
 
     def _stamp(self, file: Path, index: int) -> int:
         named = _UNIX_NS_IN_NAME.search(file.stem)

@@ -22,7 +22,7 @@ StampOf = Literal["middle", "exposure_start", "exposure_end", "frame_end"]
 
 
 @dataclass(frozen=True)
-class Frame:
+class Picture:
     """One image. image: `(H, W)` grey or `(H, W, 3)` BGR. bound_s: how far t_unix_ns may be off, beside the box's clock
     where the source is of this box; None if nobody knows. segment: grows when the stream began anew."""
 
@@ -38,7 +38,7 @@ class Frame:
         return self.image.shape[1], self.image.shape[0]
 
 
-class Source(Protocol):
+class FrameSource(Protocol):
     """Something frames come out of, one after the other."""
 
     live: bool
@@ -48,7 +48,7 @@ class Source(Protocol):
     def skipped(self) -> int:
         """Frames passed over inside the source because they came too late."""
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next frame, None at the end. Raises SourceError if the source is dead."""
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Final, Protocol
 import cv2
 
 from edge.capture.files import grey
-from edge.capture.frame import Frame, StampOf, middle_of_exposure
+from edge.capture.frame import Picture, StampOf, middle_of_exposure
 from edge.capture.stamps import (
     ARRIVAL_BOUND_S,
     SENDER_BOUND_S,
@@ -22,7 +22,7 @@ from edge.capture.stamps import (
     StreamDrift,
     sender_is_plausible,
 )
-from edge.errors import SourceError
+from edge.common.errors import SourceError
 
 MONOTONIC_PLAUSIBLE_S: Final = 10.0  # s: a driver stamp further than this from now is of another clock
 
@@ -79,7 +79,7 @@ class V4l2Camera:
         self._unix_ns = unix_ns
         self._monotonic_ns = monotonic_ns
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next frame. Raises SourceError when the camera is dead."""
         if not self._capture.grab():
             raise _dead(self._path)
@@ -91,7 +91,7 @@ class V4l2Camera:
         stamped = 0 <= arrival_ns - stamp_ns < MONOTONIC_PLAUSIBLE_S * 1e9
         monotonic_ns = stamp_ns if stamped else arrival_ns
         utc_ns = self._unix_ns(monotonic_ns) - self._delay_ns
-        return Frame(
+        return Picture(
             middle_of_exposure(utc_ns, self._stamp_of, self._exposure_s, self._readout_s),
             image if self._colour else grey(image),
             "sensor" if stamped else "arrival",
@@ -127,7 +127,7 @@ class RtspStream:
         self._rounding = FrameRounding()
         self._drift = StreamDrift()
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next frame. Raises SourceError when the stream is dead."""
         if not self._capture.grab():
             raise _dead(self._path)
@@ -141,9 +141,9 @@ class RtspStream:
         arrived_ns = self._least_delay.unix_ns(stream_ns, arrival_ns)
         sent_ns = self._sent_unix_ns(at_ms)
         if sent_ns is None or not sender_is_plausible(sent_ns, arrival_ns):
-            return Frame(arrived_ns - self._delay_ns, image, "arrival", self._least_delay.bound_s)
+            return Picture(arrived_ns - self._delay_ns, image, "arrival", self._least_delay.bound_s)
         sent_ns += self._drift.drift_ns(stream_ns, arrived_ns, sent_ns)
-        return Frame(sent_ns - self._delay_ns, image, "sender", SENDER_BOUND_S)
+        return Picture(sent_ns - self._delay_ns, image, "sender", SENDER_BOUND_S)
 
     def _sent_unix_ns(self, at_ms: float) -> int | None:
         """The sender's time of the frame: its opening time plus the presentation time, unrounded."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from edge.capture.files import VideoFile
-from edge.capture.frame import Frame
+from edge.capture.frame import Picture
 
 LATE_NS: Final = 100_000_000  # ns: three frames at 30 Hz; less is caught up without loss
 
@@ -35,7 +35,7 @@ class Realtime:
         self._wall_minus_stamp: int | None = None
         self.skipped = 0
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next frame that is in time, when its time has come; None at the end or when told to stop."""
         while (t_unix_ns := self._video.grab()) is not None:
             wait_ns = self._due(t_unix_ns) - self._now()

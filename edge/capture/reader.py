@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
-from edge.capture.frame import Frame, Source
-from edge.errors import SkyfixError, SourceError
+from edge.capture.frame import FrameSource, Picture
+from edge.common.errors import SkyfixError, SourceError
 
 log = logging.getLogger(__name__)
 
@@ -39,18 +39,18 @@ class ReaderState:
 class Reader:
     """Owns the capture thread of one camera. open_source: opens the source, at first and again."""
 
-    def __init__(self, name: str, open_source: Callable[[], Source], *, live: bool, lossless: bool) -> None:
+    def __init__(self, name: str, open_source: Callable[[], FrameSource], *, live: bool, lossless: bool) -> None:
         """live: reopen when the source dies. lossless: wait for the detector rather than drop."""
         self._name = name
         self._open = open_source
         self._live = live
         self._lossless = lossless
-        self._frames: deque[Frame] = deque()
+        self._frames: deque[Picture] = deque()
         self._changed = threading.Condition()
         self._stop = threading.Event()
         self._state = ReaderState()
         self._skipped_before = 0
-        self._source: Source | None = None
+        self._source: FrameSource | None = None
         self._thread = threading.Thread(target=self._run, name=f"capture-{name}", daemon=True)
 
     def start(self) -> None:
@@ -76,7 +76,7 @@ class Reader:
         skipped = self._skipped_before + (source.skipped if source is not None else 0)
         return replace(self._state, dropped=self._state.dropped + skipped)
 
-    def get(self, timeout_s: float) -> Frame | None:
+    def get(self, timeout_s: float) -> Picture | None:
         """The next frame, waiting up to timeout_s; None if none came, or none will come any more (`state.ended`)."""
         with self._changed:
             self._changed.wait_for(lambda: self._frames or self._state.ended, timeout_s)
@@ -123,7 +123,7 @@ class Reader:
             source.close()
         return None
 
-    def _put(self, frame: Frame) -> None:
+    def _put(self, frame: Picture) -> None:
         with self._changed:
             if self._lossless:
                 self._changed.wait_for(lambda: len(self._frames) < WAITING_FRAMES or self._stop.is_set())

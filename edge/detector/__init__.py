@@ -1,15 +1,16 @@
 """What finds objects in frames: the two-stage detector for static cameras, and any user's model on whole frames."""
 
+from edge.common.arrays import Array
+from edge.common.errors import ConfigError
 from edge.config import SHIPPED_MODEL, DetectorConfig
 from edge.detector.by_size import BySize
-from edge.detector.detections import Array, Detections, Detector
+from edge.detector.detections import Detections, Detector
 from edge.detector.formats import SKYFIX_NOTE
 from edge.detector.full_frame import FullFrame
 from edge.detector.full_scan import FullScan
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from edge.detector.two_stage import TwoStage
-from edge.errors import ConfigError
 
 __all__ = ["Array", "Detections", "Detector", "open_detector"]
 

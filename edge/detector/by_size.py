@@ -4,9 +4,10 @@ In a camera's second stream a drone is two pixels wide and its motion a fraction
 time, while looking at the whole of so small a picture, enlarged too, costs no more than two stages on a large one.
 """
 
-from edge.capture.frame import Frame
+from edge.capture.frame import Picture
+from edge.common.arrays import Array
 from edge.config import DetectorConfig
-from edge.detector.detections import Array, Detections, Detector
+from edge.detector.detections import Detections, Detector
 from edge.detector.full_scan import FullScan
 from edge.detector.look import is_reduced
 from edge.detector.skyfix import StackDetector, StackNet
@@ -21,13 +22,13 @@ class BySize(StackDetector):
         self._background = background
         self._chosen: Detector | None = None
 
-    def detect(self, frame: Frame, expected_px: Array) -> Detections:
+    def detect(self, frame: Picture, expected_px: Array) -> Detections:
         """The objects in a frame. expected_px: as for TwoStage."""
         if self._chosen is None:
             self._chosen = self._choose(frame)
         return self._chosen.detect(frame, expected_px)
 
-    def _choose(self, frame: Frame) -> Detector:
+    def _choose(self, frame: Picture) -> Detector:
         if is_reduced(frame.image):
             return FullScan(self._net, self._config)
         return TwoStage(self._net, self._config, background=self._background)

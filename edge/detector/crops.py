@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.frame import Image
-from edge.detector.detections import Array, Detections
+from edge.common.arrays import Array
+from edge.detector.detections import Detections
 
 SIDE_PX: Final = 64  # measured: 96 finds no more at twice the cost
 LARGEST_EXTENT: Final = 30.0  # px in the piece: leaves as much surroundings as object

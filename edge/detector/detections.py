@@ -11,9 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.capture.frame import Frame
-
-Array = NDArray[np.float64]
+from edge.capture.frame import Picture
+from edge.common.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Detector(Protocol):
     score_usual: float
     """Mean score that a track of a real object keeps up and one of clutter does not."""
 
-    def detect(self, frame: Frame, expected_px: Array) -> Detections:
+    def detect(self, frame: Picture, expected_px: Array) -> Detections:
         """The objects in a frame. expected_px: `(M, 2)` where tracks are expected; a detector may look there first."""
 
     def counters(self) -> dict[str, float]:

@@ -16,9 +16,9 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.detector.detections import Array
+from edge.common.arrays import Array
+from edge.common.errors import ModelError
 from edge.detector.session import Model
-from edge.errors import ModelError
 
 Format = Literal["skyfix", "yolov8", "end_to_end", "yolox", "detr", "labels_boxes_scores"]
 Outputs = Sequence[NDArray[Any]]

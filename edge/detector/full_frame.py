@@ -11,14 +11,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.capture.frame import Frame, Image
+from edge.capture.frame import Image, Picture
+from edge.common.arrays import Array
+from edge.common.errors import ModelError
 from edge.config import DetectorConfig
-from edge.detector.detections import Array, Detections, nothing, together
+from edge.detector.detections import Detections, nothing, together
 from edge.detector.formats import DECODERS, SUPPRESSED_ALREADY, Candidates, Format, read_class_names, recognise
 from edge.detector.letterbox import Letterbox
 from edge.detector.nms import suppress
 from edge.detector.session import DTYPES, Model
-from edge.errors import ModelError
 
 IMAGENET_MEAN: Final = (0.485, 0.456, 0.406)  # RGB, what DETR backbones were trained with
 IMAGENET_STD: Final = (0.229, 0.224, 0.225)
@@ -102,7 +103,7 @@ class FullFrame:
                 action="correct detector.class_names",
             )
 
-    def detect(self, frame: Frame, expected_px: Array) -> Detections:
+    def detect(self, frame: Picture, expected_px: Array) -> Detections:
         """The objects in a frame; `expected_px` is not needed here."""
         self._frames += 1
         if not self._config.tiles:

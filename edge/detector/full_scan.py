@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from edge.capture.frame import Frame
+from edge.capture.frame import Picture
+from edge.common.arrays import Array
 from edge.config import DetectorConfig
-from edge.detector.detections import Array, Detections
+from edge.detector.detections import Detections
 from edge.detector.history import History
 from edge.detector.look import look
 from edge.detector.skyfix import StackDetector, StackNet
@@ -18,7 +19,7 @@ class FullScan(StackDetector):
         self._history = History(net.past_s)
         self._frames = 0
 
-    def detect(self, frame: Frame, expected_px: Array) -> Detections:
+    def detect(self, frame: Picture, expected_px: Array) -> Detections:
         """The objects in a frame; `expected_px` is not needed here."""
         self._frames += 1
         self._history.push(frame)

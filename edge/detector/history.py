@@ -7,7 +7,7 @@ something else on every camera and after every drop; so the past is asked for by
 from collections import deque
 from typing import Final
 
-from edge.capture.frame import Frame, Image
+from edge.capture.frame import Image, Picture
 
 SLACK: Final = 1.5  # kept beyond the furthest offset, so that a late frame still finds its reference
 COMPLETE: Final = 0.8  # of the furthest offset: frames do not fall exactly on it
@@ -19,9 +19,9 @@ class History:
 
     def __init__(self, offsets_s: tuple[float, ...]) -> None:
         self._offsets_ns = tuple(round(offset * 1e9) for offset in offsets_s)
-        self._frames: deque[Frame] = deque()
+        self._frames: deque[Picture] = deque()
 
-    def push(self, frame: Frame) -> bool:
+    def push(self, frame: Picture) -> bool:
         """Add the newest frame. True if the past was forgotten: another segment, size, or a gap or step in time."""
         forgotten = bool(self._frames) and not self._continues(frame)
         if forgotten:
@@ -31,7 +31,7 @@ class History:
             self._frames.popleft()
         return forgotten
 
-    def _continues(self, frame: Frame) -> bool:
+    def _continues(self, frame: Picture) -> bool:
         last = self._frames[-1]
         in_order = 0 < frame.t_unix_ns - last.t_unix_ns < LONGEST_GAP_NS
         return in_order and frame.segment == last.segment and frame.image.shape == last.image.shape

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from edge.capture.frame import Image
-from edge.detector.detections import Array
+from edge.common.arrays import Array
 
 PAD_VALUE: Final = 114  # the grey that YOLO models are trained to ignore
 

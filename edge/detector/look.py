@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.frame import Image
-from edge.detector.detections import Array, Detections, together
+from edge.common.arrays import Array
+from edge.detector.detections import Detections, together
 from edge.detector.magnify import enlarged, reduced
 from edge.detector.nms import suppress
 from edge.detector.skyfix import StackNet

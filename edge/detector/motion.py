@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.frame import Image
-from edge.detector.detections import Array
+from edge.common.arrays import Array
 
 CELL_PX: Final = 4  # px: the width of the smallest object worth finding
 THRESHOLD_GREY: Final = 1.5  # grey levels above a cell's usual: sensor noise averaged over a cell is 0.3

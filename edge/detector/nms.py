@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.detector.detections import Array
+from edge.common.arrays import Array
 
 MAX_CANDIDATES: Final = 300  # the work grows with the square; real scenes hold tens
 

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 
 from edge.capture.frame import Image
-from edge.detector.detections import Array
+from edge.common.arrays import Array
+from edge.common.errors import ModelError
 from edge.detector.look import padded_stack
 from edge.detector.skyfix import StackNet
-from edge.errors import ModelError
 
 REDUCED: Final = 4  # the second look, for objects too large for the network at native size
 SMALLEST_REDUCED_PX: Final = 64  # px: below this the second look has nothing to see

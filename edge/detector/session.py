@@ -13,14 +13,14 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
-from edge.errors import ModelError
+from edge.common.errors import ModelError
 
 DTYPES: Final = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 _ERRORS_ONLY: Final = 3  # ONNX Runtime's log level
 
 
 @dataclass(frozen=True)
-class Port:
+class ModelTensor:
     """An input or output: a name, and a shape in which None is free."""
 
     name: str
@@ -34,8 +34,8 @@ class Model:
 
     path: str
     session: ort.InferenceSession
-    inputs: tuple[Port, ...]
-    outputs: tuple[Port, ...]
+    inputs: tuple[ModelTensor, ...]
+    outputs: tuple[ModelTensor, ...]
     notes: dict[str, str]
 
     def run(self, feeds: dict[str, NDArray[Any]]) -> list[NDArray[Any]]:
@@ -95,9 +95,9 @@ def open_model(path: Path | str, threads: int = 1) -> Model:
     return Model(str(path), session, _ports(session.get_inputs()), _ports(session.get_outputs()), notes)
 
 
-def _ports(nodes: list[Any]) -> tuple[Port, ...]:
+def _ports(nodes: list[Any]) -> tuple[ModelTensor, ...]:
     return tuple(
-        Port(node.name, tuple(size if isinstance(size, int) else None for size in node.shape), node.type)
+        ModelTensor(node.name, tuple(size if isinstance(size, int) else None for size in node.shape), node.type)
         for node in nodes
     )
 

@@ -9,10 +9,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from edge.common.arrays import Array
+from edge.common.errors import ModelError
 from edge.config import DetectorConfig
-from edge.detector.detections import Array, Detections
+from edge.detector.detections import Detections
 from edge.detector.session import Model
-from edge.errors import ModelError
 
 OUTPUTS: Final = ("boxes", "scores", "classes", "sigma")
 MULTIPLE_PX: Final = 16  # sides of the network's input, where its note does not say

@@ -7,10 +7,11 @@ replaced: a full scan only ever adds places to look at.
 
 import numpy as np
 
-from edge.capture.frame import Frame, Image
+from edge.capture.frame import Image, Picture
+from edge.common.arrays import Array
 from edge.config import DetectorConfig
 from edge.detector.crops import Crop, choose, cut, in_frame
-from edge.detector.detections import Array, Detections, nothing
+from edge.detector.detections import Detections, nothing
 from edge.detector.history import History
 from edge.detector.look import SAME_OBJECT_IOU
 from edge.detector.motion import NO_BLOBS, MotionDetector
@@ -30,7 +31,7 @@ class TwoStage(StackDetector):
         self._last_t_unix_ns = 0
         self._counts = {"detector_frames": 0.0, "detector_crops": 0.0, "detector_all_moving": 0.0}
 
-    def detect(self, frame: Frame, expected_px: Array) -> Detections:
+    def detect(self, frame: Picture, expected_px: Array) -> Detections:
         """The objects in a frame. expected_px: `(M, 3)` of u, v, extent where tracks are expected."""
         if self._history.push(frame):
             self._motion.forget()
@@ -53,7 +54,7 @@ class TwoStage(StackDetector):
         self._counts["detector_all_moving"] += blobs.share > 0 and not len(blobs.strength)
         return self._judge(frame, images, crops)
 
-    def _judge(self, frame: Frame, images: list[Image], crops: list[Crop]) -> Detections:
+    def _judge(self, frame: Picture, images: list[Image], crops: list[Crop]) -> Detections:
         if not crops:
             return nothing(len(self.class_names))
         found, index = self._net.run_together(cut(images, crops), self._config.score_min)

@@ -2,10 +2,10 @@
 
 from edge.config import GateConfig
 from edge.gate.paper import PaperGate
-from edge.gate.rows import Gate, Row
+from edge.gate.rows import Gate, TrackRow
 from edge.gate.tracks import TrackGate
 
-__all__ = ["Gate", "PaperGate", "Row", "TrackGate", "make_gate"]
+__all__ = ["Gate", "PaperGate", "TrackGate", "TrackRow", "make_gate"]
 
 
 def make_gate(config: GateConfig, size_px: tuple[int, int], score_usual: float, first_track: int = 1) -> Gate:

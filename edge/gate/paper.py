@@ -15,8 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from edge.detector.detections import Array, Detections
-from edge.gate.rows import Row, interpolate, rows_of
+from edge.common.arrays import Array
+from edge.detector.detections import Detections
+from edge.gate.rows import TrackRow, interpolate, rows_of
 
 CONFIRM_FRAMES: Final = 3  # rule 1: the furthest partner
 CONFIRM_PX: Final = 10.0  # rule 1: pixels per frame
@@ -33,7 +34,7 @@ class _Seen:
     """A detection, and what has become of it."""
 
     index: int
-    row: Row
+    row: TrackRow
     confirmed: bool = False
 
 
@@ -49,12 +50,12 @@ class PaperGate:
         self._speeds: deque[float] = deque(maxlen=SPEEDS_KEPT)  # pixels per frame
         self.next_track = 1
 
-    def step(self, t_unix_ns: int, found: Detections) -> list[Row]:
+    def step(self, t_unix_ns: int, found: Detections) -> list[TrackRow]:
         """Rows decided by one more frame."""
         self._index += 1
         self._times.append(t_unix_ns)
         now = [_Seen(self._index, row) for row in rows_of(t_unix_ns, found)]
-        rows: list[Row] = []
+        rows: list[TrackRow] = []
         taken: set[int] = set()
         for _, _, earlier, later in sorted(self._partners(now), key=lambda pair: pair[:2]):
             rows += self._confirm(earlier, later, taken)
@@ -73,9 +74,9 @@ class PaperGate:
             if (distance := _distance(earlier.row, later.row)) < CONFIRM_PX * (later.index - earlier.index)
         ]
 
-    def _confirm(self, earlier: _Seen, later: _Seen, taken: set[int]) -> list[Row]:
+    def _confirm(self, earlier: _Seen, later: _Seen, taken: set[int]) -> list[TrackRow]:
         """Confirm a pair, nearest pairs first: the later one continues the earlier one's track if it is still free."""
-        rows: list[Row] = []
+        rows: list[TrackRow] = []
         if not earlier.confirmed:
             rows += self._begin(earlier)
         if later.confirmed:
@@ -90,7 +91,7 @@ class PaperGate:
         self._tails[track] = later
         return rows
 
-    def _begin(self, seen: _Seen) -> list[Row]:
+    def _begin(self, seen: _Seen) -> list[TrackRow]:
         """Confirm a detection that continues nothing under rule 1: rule 2 may tie it to the end of a track."""
         tail = self._bridge_from(seen)
         track = self._new_track() if tail is None else tail.row.track
@@ -113,13 +114,13 @@ class PaperGate:
                 best, best_speed = tail, speed
         return best
 
-    def _inside(self, row: Row) -> bool:
+    def _inside(self, row: TrackRow) -> bool:
         return all(
             EDGE_SHARE * length <= at <= (1 - EDGE_SHARE) * length
             for at, length in zip((row.u_px + 0.5, row.v_px + 0.5), self._size_px, strict=True)
         )
 
-    def _between(self, tail: _Seen, later: _Seen) -> list[Row]:
+    def _between(self, tail: _Seen, later: _Seen) -> list[TrackRow]:
         first = len(self._times) - 1 - (self._index - tail.index)
         last = len(self._times) - 1 - (self._index - later.index)
         return interpolate(tail.row, later.row, list(self._times)[max(0, first + 1) : last])
@@ -142,5 +143,5 @@ def largest_non_outlier(speeds: Array) -> float:
     return float(speeds[speeds <= high + OUTLIER_FENCE * (high - low)].max(initial=0.0))
 
 
-def _distance(one: Row, other: Row) -> float:
+def _distance(one: TrackRow, other: TrackRow) -> float:
     return float(np.hypot(one.u_px - other.u_px, one.v_px - other.v_px))

@@ -5,11 +5,12 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from edge.detector.detections import Array, Detections
+from edge.common.arrays import Array
+from edge.detector.detections import Detections
 
 
 @dataclass(frozen=True)
-class Row:
+class TrackRow:
     """One object in one frame. Interpolated rows were never measured and carry no sigma."""
 
     t_unix_ns: int
@@ -30,14 +31,14 @@ class Gate(Protocol):
     next_track: int
     """The number the next track will get."""
 
-    def step(self, t_unix_ns: int, found: Detections) -> list[Row]:
+    def step(self, t_unix_ns: int, found: Detections) -> list[TrackRow]:
         """Rows that one more frame decided, of this frame or earlier ones. Frames come in order of time."""
 
     def expected(self, t_unix_ns: int) -> Array:
         """Where to look for what is known: `(M, 3)` of u, v, extent, the most important first."""
 
 
-def interpolate(before: Row, after: Row, times_unix_ns: list[int]) -> list[Row]:
+def interpolate(before: TrackRow, after: TrackRow, times_unix_ns: list[int]) -> list[TrackRow]:
     """Rows at times between two rows of a track, on the straight line between them."""
     rows = []
     for t in times_unix_ns:
@@ -47,14 +48,14 @@ def interpolate(before: Row, after: Row, times_unix_ns: list[int]) -> list[Row]:
             for name in ("u_px", "v_px", "width_px", "height_px")
         )
         score = min(before.score, after.score)
-        rows.append(Row(t, after.track, u, v, width, height, score, "interpolated", classes=after.classes))
+        rows.append(TrackRow(t, after.track, u, v, width, height, score, "interpolated", classes=after.classes))
     return rows
 
 
-def rows_of(t_unix_ns: int, found: Detections) -> list[Row]:
+def rows_of(t_unix_ns: int, found: Detections) -> list[TrackRow]:
     """The detections of one frame as rows without a track."""
     return [
-        Row(
+        TrackRow(
             t_unix_ns,
             0,
             float(found.centre_px[k, 0]),

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from edge.gate.rows import Row
+from edge.gate.rows import TrackRow
 
 ACCELERATION_PX_S2: Final = 250.0  # one sigma: a drone's 5 m/s2 seen at 30 m with 1500 px focal length
 SIGMA_UNKNOWN_PX: Final = 1.0  # a detector that does not say: a quarter of a small box
@@ -22,11 +22,11 @@ HISTORY_S: Final = 3.0  # s of positions kept: how long a slow one may take to s
 
 
 @dataclass
-class Track:
+class GateTrack:
     """State at `t_unix_ns`: position, velocity, their shared covariance, and its past."""
 
     number: int
-    last: Row
+    last: TrackRow
     speed_sigma_px_s: float
     clutter: float = 0.0
     u: float = field(init=False)
@@ -42,8 +42,8 @@ class Track:
     reach_px: float = 0.0
     born_unix_ns: int = field(init=False)
     birth_px: tuple[float, float] = field(init=False)
-    places: deque[Row] = field(default_factory=deque)
-    waiting: list[Row] = field(default_factory=list)
+    places: deque[TrackRow] = field(default_factory=deque)
+    waiting: list[TrackRow] = field(default_factory=list)
     votes: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -64,7 +64,7 @@ class Track:
             self.var + 2 * dt * self.cov + dt * dt * self.var_speed + noise,
         )
 
-    def update(self, row: Row) -> None:
+    def update(self, row: TrackRow) -> None:
         """Take one more measurement, at a later time."""
         dt = (row.t_unix_ns - self.t_unix_ns) / 1e9
         u, v, var = self.predict(row.t_unix_ns)
@@ -80,7 +80,7 @@ class Track:
         self.t_unix_ns = row.t_unix_ns
         self._remember(row)
 
-    def _remember(self, row: Row) -> None:
+    def _remember(self, row: TrackRow) -> None:
         self.last = row
         self.best_score = max(self.best_score, row.score)
         self.reach_px = max(self.reach_px, math.hypot(row.u_px - self.birth_px[0], row.v_px - self.birth_px[1]))

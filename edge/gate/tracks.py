@@ -15,11 +15,12 @@ from typing import Final
 
 import numpy as np
 
+from edge.common.arrays import Array
 from edge.config import GateConfig
-from edge.detector.detections import Array, Detections
+from edge.detector.detections import Detections
 from edge.gate.clutter import ClutterMap
-from edge.gate.rows import Row, interpolate, rows_of
-from edge.gate.track import HISTORY_S, SIGMA_UNKNOWN_PX, Track
+from edge.gate.rows import TrackRow, interpolate, rows_of
+from edge.gate.track import HISTORY_S, SIGMA_UNKNOWN_PX, GateTrack
 
 GATE_SIGMAS: Final = 4.0  # innovations beyond this are another object: 1 in 3000 of the true ones, in two dimensions
 SLACK_PX: Final = 2.0  # a box detector's centre wanders by this much without saying so
@@ -52,11 +53,11 @@ class TrackGate:
         self._score_kept = SCORE_KEPT * self._score_least
         self._size_px = size_px
         self._clutter = ClutterMap(size_px)
-        self._tracks: list[Track] = []
+        self._tracks: list[GateTrack] = []
         self._times: deque[int] = deque()
         self.next_track = 1
 
-    def step(self, t_unix_ns: int, found: Detections) -> list[Row]:
+    def step(self, t_unix_ns: int, found: Detections) -> list[TrackRow]:
         """Rows decided by one more frame."""
         if self._times and t_unix_ns <= self._times[-1]:
             return []  # time does not go backwards within a segment; whoever feeds us counts this
@@ -64,13 +65,13 @@ class TrackGate:
         while self._times[0] < t_unix_ns - HISTORY_S * 1e9:
             self._times.popleft()
         measured = rows_of(t_unix_ns, found)
-        rows: list[Row] = []
+        rows: list[TrackRow] = []
         for track, row in self._associate(t_unix_ns, measured):
             rows += self._continue(track, row)
         self._drop(t_unix_ns)
         return rows
 
-    def _associate(self, t_unix_ns: int, measured: list[Row]) -> list[tuple[Track, Row]]:
+    def _associate(self, t_unix_ns: int, measured: list[TrackRow]) -> list[tuple[GateTrack, TrackRow]]:
         """The nearest pairs first, believed tracks before others; what is left begins a track of its own."""
         pairs = sorted(
             (not self._tracks[i].confirmed, cost, i, k)
@@ -88,7 +89,7 @@ class TrackGate:
             self._begin(measured[k])
         return matched
 
-    def _near(self, t_unix_ns: int, measured: list[Row]) -> list[tuple[int, int]]:
+    def _near(self, t_unix_ns: int, measured: list[TrackRow]) -> list[tuple[int, int]]:
         """Pairs of a track and a row that the limit of speed does not rule out; most deserve no closer look."""
         if not (self._tracks and measured):
             return []
@@ -99,7 +100,7 @@ class TrackGate:
         away_px = np.abs(tracks[:, None, :2] - rows[None]).max(axis=2)
         return [(int(i), int(k)) for i, k in zip(*np.nonzero(away_px <= reach_px[:, None]), strict=True)]
 
-    def _cost(self, track: Track, row: Row) -> float | None:
+    def _cost(self, track: GateTrack, row: TrackRow) -> float | None:
         """Squared distance in sigmas, None if the row cannot be this track's."""
         u, v, var = track.predict(row.t_unix_ns)
         squared = (row.u_px - u) ** 2 + (row.v_px - v) ** 2
@@ -111,14 +112,14 @@ class TrackGate:
             return None
         return squared / var
 
-    def _begin(self, row: Row) -> None:
+    def _begin(self, row: TrackRow) -> None:
         level = self._clutter.level(row.u_px, row.v_px)
-        track = Track(self.next_track, row, self._config.speed_max_px_s / 3, clutter=level)
+        track = GateTrack(self.next_track, row, self._config.speed_max_px_s / 3, clutter=level)
         track.waiting.append(replace(row, track=track.number))
         self.next_track += 1
         self._tracks.append(track)
 
-    def _continue(self, track: Track, measured: Row) -> list[Row]:
+    def _continue(self, track: GateTrack, measured: TrackRow) -> list[TrackRow]:
         """Take a measurement into a track; the rows that are thereby decided."""
         before = track.last
         track.update(measured)
@@ -134,7 +135,7 @@ class TrackGate:
         bridged = [new for a, b in itertools.pairwise(rows) for new in self._bridge(a, b)]
         return sorted(rows + bridged, key=lambda kept: kept.t_unix_ns)
 
-    def _believable(self, track: Track) -> bool:
+    def _believable(self, track: GateTrack) -> bool:
         now, config = track.t_unix_ns, self._config
         window_ns = max(config.confirm_window_s * 1e9, WINDOW_SLACK * config.confirm_hits * self._interval_ns())
         since = round(now - config.moved_window_s * 1e9)
@@ -151,7 +152,7 @@ class TrackGate:
     def _interval_ns(self) -> float:
         return (self._times[-1] - self._times[0]) / max(1, len(self._times) - 1)
 
-    def _bridge(self, before: Row, after: Row) -> list[Row]:
+    def _bridge(self, before: TrackRow, after: TrackRow) -> list[TrackRow]:
         """Rows between two measurements, if they are near in time and neither is so doubtful that it may be a leap."""
         doubtful = min(before.score, after.score) < self._score_kept
         if doubtful or after.t_unix_ns - before.t_unix_ns > self._config.bridge_max_s * 1e9:
@@ -168,11 +169,11 @@ class TrackGate:
                 kept.append(track)
         self._tracks = kept
 
-    def _has_faded(self, track: Track) -> bool:
+    def _has_faded(self, track: GateTrack) -> bool:
         """Whether its object may have gone: what is taken for it of late is doubtful. Its rows wait until it is not."""
         return track.late_score(KEPT_S, KEPT_LOOKS) < self._score_kept
 
-    def _is_clutter(self, track: Track) -> bool:
+    def _is_clutter(self, track: GateTrack) -> bool:
         """An old track not believed, hardly seen any more, or that rests among clutter or without having flown far."""
         if not track.confirmed or track.mean_score(track.places[0].t_unix_ns) < self._score_kept:
             return True

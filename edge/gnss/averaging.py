@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from edge.common.arrays import Array
 
 TAU_S: Final = 20.0  # correlation time of the fast part of the error, measured on network RTK
 SLOW_TAU_S: Final = 400.0  # and of the slow part, which only a second occupation later averages

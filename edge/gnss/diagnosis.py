@@ -17,7 +17,7 @@ MAX_CLOCK_APART_S: Final = 1.0  # serial positions come 10 to 700 ms late; more 
 Level = Literal["ok", "warn", "fail"]
 
 
-class State(StrEnum):
+class ReceiverState(StrEnum):
     """Where the receiver stands."""
 
     STARTING = "starting"
@@ -38,7 +38,7 @@ class State(StrEnum):
 class ReceiverStatus:
     """How the receiver is: state, its weight, why, and what to do. counters only grow."""
 
-    state: State
+    state: ReceiverState
     level: Level
     reason: str
     action: str = ""
@@ -46,7 +46,7 @@ class ReceiverStatus:
     host_minus_gnss_s: float | None = None
 
 
-Finding = tuple[State, Level, str, str]
+Finding = tuple[ReceiverState, Level, str, str]
 
 
 @dataclass
@@ -86,11 +86,11 @@ def _of_line(session: StaticSession, watch: Watch, now_s: float) -> Finding | No
     silent_s = now_s - (watch.last_byte_s or watch.opened_s)
     if silent_s > SILENT_S:
         action = "check the receiver's power and that it sends on this port"
-        return State.SILENT, "fail", f"no byte for {silent_s:.0f} s", action
+        return ReceiverState.SILENT, "fail", f"no byte for {silent_s:.0f} s", action
     unread_s = now_s - (session.last_sentence_s or watch.opened_s)
     if min(unread_s, now_s - watch.opened_s) > SILENT_S:
         reason = f"bytes come at {watch.baud} baud, but no sentence in them"
-        return State.UNREADABLE, "fail", reason, "set the receiver's baud rate, or 0 to try them all"
+        return ReceiverState.UNREADABLE, "fail", reason, "set the receiver's baud rate, or 0 to try them all"
     return None
 
 
@@ -100,27 +100,27 @@ def _of_epochs(session: StaticSession, now_s: float) -> Finding | None:
         return None
     if session.last_refusal is None:
         action = "make it send GGA, or NAV-PVT and NAV-HPPOSLLH"
-        return State.NO_FIX, "warn", "no position among its sentences", action
-    return State.NO_FIX, "warn", str(session.last_refusal), ACTIONS[session.last_refusal.reason]
+        return ReceiverState.NO_FIX, "warn", "no position among its sentences", action
+    return ReceiverState.NO_FIX, "warn", str(session.last_refusal), ACTIONS[session.last_refusal.reason]
 
 
 def _of_mean(surveyed: Surveyed | None, watch: Watch) -> Finding:
     """What the average is worth."""
     if surveyed is None:
-        return State.AVERAGING, "warn", "averaging begins", "wait"
+        return ReceiverState.AVERAGING, "warn", "averaging begins", "wait"
     mean = surveyed.mean
     if mean.young:
-        return State.DOUBTED, "warn", mean.fault, "wait"
+        return ReceiverState.DOUBTED, "warn", mean.fault, "wait"
     if mean.fault:
         action = "break the corrections or cover the antenna, let it fix again, and do not move it"
-        return State.DOUBTED, "fail", mean.fault, action
+        return ReceiverState.DOUBTED, "fail", mean.fault, action
     if watch.host_minus_gnss_s is not None and abs(watch.host_minus_gnss_s) > MAX_CLOCK_APART_S:
         reason = f"this box's clock is {watch.host_minus_gnss_s:+.1f} s off the receiver's UTC"
-        return State.AVERAGING, "warn", reason, "set the box's clock: run chrony"
+        return ReceiverState.AVERAGING, "warn", reason, "set the box's clock: run chrony"
     if mean.warnings:
-        return State.AVERAGING, "warn", mean.warnings[0], "change the receiver's settings"
+        return ReceiverState.AVERAGING, "warn", mean.warnings[0], "change the receiver's settings"
     sigma_mm = math.hypot(*mean.sigma_m[:2]) * 1000
-    return State.AVERAGING, "ok", f"{mean.samples} epochs, {sigma_mm:.0f} mm horizontal", ""
+    return ReceiverState.AVERAGING, "ok", f"{mean.samples} epochs, {sigma_mm:.0f} mm horizontal", ""
 
 
 ACTIONS: Final = {

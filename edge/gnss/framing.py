@@ -23,7 +23,7 @@ _SENTENCE: Final = re.compile(rb"\$([ -#%-)+-~]{5,250})\*([0-9A-Fa-f]{2})")
 _UNFINISHED: Final = re.compile(rb"\$[ -#%-)+-~]{0,250}(?:\*[0-9A-Fa-f]?)?\Z")
 
 
-class Frame(NamedTuple):
+class Packet(NamedTuple):
     """One frame that passed its checksum. NMEA: the text between `$` and `*`. UBX: the whole message, sync included."""
 
     kind: Literal["nmea", "ubx"]
@@ -38,7 +38,7 @@ class Framer:
         self._waiting_since_s: float | None = None
         self.counts: Counter[str] = Counter()
 
-    def feed(self, data: bytes, t_s: float) -> list[Frame]:
+    def feed(self, data: bytes, t_s: float) -> list[Packet]:
         """The frames completed by `data` that arrived at monotonic t_s. Feed b"" now and then when nothing comes."""
         self.counts["bytes"] += len(data)
         self._buffer += data
@@ -49,7 +49,7 @@ class Framer:
         self._buffer = b""
         self._waiting_since_s = None
 
-    def _frames(self, t_s: float) -> Iterator[Frame]:
+    def _frames(self, t_s: float) -> Iterator[Packet]:
         at = 0
         while sync := _SYNC.search(self._buffer, at):
             start = sync.start()
@@ -73,7 +73,7 @@ class Framer:
     def _keep_from(self, start: int) -> None:
         self._buffer = self._buffer[start:]
 
-    def _sentence(self, start: int) -> tuple[Frame | None, int] | None:
+    def _sentence(self, start: int) -> tuple[Packet | None, int] | None:
         """The sentence at `start` and where to go on; no frame if there is none there; None if it may yet come."""
         found = _SENTENCE.match(self._buffer, start)
         if found is None:
@@ -81,9 +81,9 @@ class Framer:
         if reduce(xor, found[1]) != int(found[2], 16):
             self.counts["bad checksum"] += 1
             return None, start + 1
-        return Frame("nmea", found[1]), found.end()
+        return Packet("nmea", found[1]), found.end()
 
-    def _ubx(self, start: int) -> tuple[Frame | None, int] | None:
+    def _ubx(self, start: int) -> tuple[Packet | None, int] | None:
         """As _sentence, for a UBX message."""
         if len(self._buffer) < start + 6:
             return None
@@ -96,7 +96,7 @@ class Framer:
         if fletcher(self._buffer[start + 2 : end - 2]) != self._buffer[end - 2 : end]:
             self.counts["bad checksum"] += 1
             return None, start + 1
-        return Frame("ubx", self._buffer[start:end]), end
+        return Packet("ubx", self._buffer[start:end]), end
 
 
 def fletcher(data: bytes) -> bytes:

@@ -14,7 +14,7 @@ from typing import BinaryIO, Final, Protocol
 
 import serial
 
-from edge.errors import GnssError
+from edge.common.errors import GnssError
 
 READ_TIMEOUT_S: Final = 0.1  # how long a read waits for bytes, so that silence is noticed and stopping is quick
 READ_BYTES: Final = 4096  # most of one read; 0.1 s of the fastest receiver
@@ -42,7 +42,7 @@ class PortError(GnssError):
         self.fault = fault
 
 
-class Port(Protocol):
+class ReceiverPort(Protocol):
     """An open source of bytes."""
 
     def read(self) -> bytes:
@@ -52,7 +52,7 @@ class Port(Protocol):
         """Give the port back. Raises nothing."""
 
 
-def open_port(device: str, baud: int) -> Port:
+def open_port(device: str, baud: int) -> ReceiverPort:
     """Open a serial device, socket://host:port or a file of recorded bytes. Raises PortError with the fault."""
     path = Path(device.removeprefix("file://"))
     try:

@@ -16,12 +16,12 @@ from itertools import cycle
 from pathlib import Path
 from typing import Final
 
+from edge.common.errors import ConfigError
 from edge.config import GnssConfig
-from edge.errors import ConfigError
 from edge.gnss.averaging import SERVICES
-from edge.gnss.diagnosis import Level, ReceiverStatus, State, Watch, counters, diagnose
+from edge.gnss.diagnosis import Level, ReceiverState, ReceiverStatus, Watch, counters, diagnose
 from edge.gnss.gates import Policy, metres_per_degree
-from edge.gnss.port import Fault, Port, PortError, open_port
+from edge.gnss.port import Fault, PortError, ReceiverPort, open_port
 from edge.gnss.session import StaticSession, Surveyed, t_unix_ns
 from edge.messages import Fix
 
@@ -46,7 +46,7 @@ class Receiver:
         self,
         config: GnssConfig,
         *,
-        opener: Callable[[str, int], Port] = open_port,
+        opener: Callable[[str, int], ReceiverPort] = open_port,
         monotonic_s: Callable[[], float] = time.monotonic,
         unix_ns: Callable[[], int] = time.time_ns,
     ) -> None:
@@ -65,7 +65,7 @@ class Receiver:
         self._stopping = threading.Event()
         self._fix: Fix | None = None
         self._surveyed: Surveyed | None = None
-        self._status = ReceiverStatus(State.STARTING, "warn", "not opened yet")
+        self._status = ReceiverStatus(ReceiverState.STARTING, "warn", "not opened yet")
         self._restart = False
         self._thread = threading.Thread(target=self._run, name="gnss", daemon=True)
 
@@ -161,7 +161,7 @@ class Receiver:
         surveyed = self._session.surveyed()
         status = diagnose(self._session, surveyed, watch, now_s)
         fix = None
-        if surveyed and status.state is State.AVERAGING:
+        if surveyed and status.state is ReceiverState.AVERAGING:
             fix = make_fix(surveyed, self._config, self._unix_ns())
         with self._changed:
             if self._restart:
@@ -182,7 +182,7 @@ class Receiver:
             reason = surveyed.mean.fault if surveyed and not usable else error.what
             level: Level = "ok" if usable else "fail"
             self._status = ReceiverStatus(
-                State(error.fault.value), level, reason, error.action, counters(self._session)
+                ReceiverState(error.fault.value), level, reason, error.action, counters(self._session)
             )
 
 

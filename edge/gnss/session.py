@@ -16,7 +16,7 @@ import numpy as np
 from edge.gnss import nmea, ubx
 from edge.gnss.averaging import SERVICES, Service, StaticMean, average
 from edge.gnss.epoch import Epoch, EpochAssembler
-from edge.gnss.framing import Frame, Framer
+from edge.gnss.framing import Framer, Packet
 from edge.gnss.gates import (
     CONFIRMATIONS,
     Policy,
@@ -140,7 +140,7 @@ class StaticSession:
             baseline_m=self._baseline_m,
         )
 
-    def _add(self, frame: Frame, t_s: float) -> list[Epoch]:
+    def _add(self, frame: Packet, t_s: float) -> list[Epoch]:
         try:
             record = nmea.decode(frame.body) if frame.kind == "nmea" else ubx.decode(frame.body)
         except nmea.MalformedError:

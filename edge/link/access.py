@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
-from edge.errors import ConfigError
+from edge.common.errors import ConfigError
 from edge.messages import Name, camera_key, site_key, station_key
 
 # What one side says, and what it asks; in Zenoh's words.
@@ -32,7 +32,7 @@ class Subject(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class Access(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The list of a site, or of all that share an authority: access.json, by `deploy/certs`, for whoever listens."""
+    """The list of a site, or of all that share an authority: access.json, for whoever listens."""
 
     site: Name
     subjects: tuple[Subject, ...]
@@ -46,7 +46,7 @@ def load_access(path: Path) -> Access:
         raise ConfigError(
             f"the list of certificates cannot be read ({error})",
             where=str(path),
-            action="copy access.json from the authority's folder, or make one with `python deploy/certs init`",
+            action="copy access.json from the authority's folder, or make one with `base-station certs init`",
         ) from error
 
 

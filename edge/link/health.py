@@ -1,7 +1,7 @@
 """How the link is, for health: is there a session, is it protected, was anybody turned away, is anything lost.
 
 What the library does not tell is gathered here: refusals from its log, the certificate's end from the heading that
-`deploy/certs` writes above it. A certificate that ends unnoticed silences a box in the middle of a season.
+`base-station certs` writes above it. A certificate that ends unnoticed silences a box in the middle of a season.
 """
 
 import datetime as dt
@@ -13,10 +13,10 @@ from typing import Final
 
 import msgspec
 
-from edge.health import Check
+from edge.common.health import Check
 from edge.link import zenoh_log
 from edge.link.link import Link, LinkCounters
-from edge.link.profile import LinkSettings, TlsSettings
+from edge.link.settings import LinkSettings, TlsSettings
 
 RECENT_S: Final = 60.0  # how long a refusal or a loss is spoken of
 RENEW_BEFORE: Final = dt.timedelta(days=30)
@@ -94,11 +94,13 @@ def check_security(settings: LinkSettings, now: dt.datetime) -> Check:
 def _check_certificate(tls: TlsSettings, now: dt.datetime) -> Check:
     end = certificate_end(Path(tls.certificate))
     if end is None:
-        return Check("security", "warn", f"{tls.certificate}: its end is not known", "make it with deploy/certs")
+        return Check(
+            "security", "warn", f"{tls.certificate}: its end is not known", "make it with `base-station certs issue`"
+        )
     if end <= now:
-        return Check("security", "fail", f"the certificate ended on {end:%Y-%m-%d}", "python deploy/certs renew")
+        return Check("security", "fail", f"the certificate ended on {end:%Y-%m-%d}", "base-station certs renew")
     if end - now < RENEW_BEFORE:
-        return Check("security", "warn", f"the certificate ends on {end:%Y-%m-%d}", "python deploy/certs renew")
+        return Check("security", "warn", f"the certificate ends on {end:%Y-%m-%d}", "base-station certs renew")
     return Check("security", "ok", f"mutual TLS, certificate good until {end:%Y-%m-%d}")
 
 

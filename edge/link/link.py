@@ -16,10 +16,10 @@ import zenoh
 
 from edge import messages
 from edge.link.inbox import Inbox, Presence, Received
-from edge.link.profile import LinkSettings
 from edge.link.reception import Reception
 from edge.link.request import Request
 from edge.link.session import LinkSession
+from edge.link.settings import LinkSettings
 
 log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ CAPACITY: Final = 256  # messages; about 3 s of two cameras at 30 Hz
 STALE_NS: Final = 1_000_000_000
 
 
-class Outgoing(NamedTuple):
+class OutgoingMessage(NamedTuple):
     """One message to be sent."""
 
     key: str
@@ -26,7 +26,7 @@ class Outbox:
 
     def __init__(self, changed: threading.Condition) -> None:
         self._changed = changed
-        self._items: deque[Outgoing] = deque()
+        self._items: deque[OutgoingMessage] = deque()
         self.dropped = 0
         self.stale = 0
 
@@ -39,10 +39,10 @@ class Outbox:
             if len(self._items) >= CAPACITY:
                 self._items.popleft()
                 self.dropped += 1
-            self._items.append(Outgoing(key, payload, time.monotonic_ns()))
+            self._items.append(OutgoingMessage(key, payload, time.monotonic_ns()))
             self._changed.notify_all()
 
-    def take(self) -> list[Outgoing]:
+    def take(self) -> list[OutgoingMessage]:
         """All that is still worth sending, oldest first. The caller holds the condition."""
         oldest_ns = time.monotonic_ns() - STALE_NS
         fresh = [item for item in self._items if item.t_monotonic_ns >= oldest_ns]

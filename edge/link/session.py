@@ -17,10 +17,11 @@ from typing import Final
 import zenoh
 
 from edge import messages
-from edge.errors import ConfigError
-from edge.link.outbox import Outbox, Outgoing
-from edge.link.profile import LinkSettings, zenoh_config
-from edge.own_thread import OwnThread
+from edge.common.errors import ConfigError
+from edge.common.own_thread import OwnThread
+from edge.link.outbox import Outbox, OutgoingMessage
+from edge.link.profile import zenoh_config
+from edge.link.settings import LinkSettings
 
 log = logging.getLogger(__name__)
 
@@ -146,7 +147,7 @@ class LinkSession(OwnThread):
         """How long until somebody's state must be asked for; None if nobody watches any."""
         return max(0.0, self._states_due - time.monotonic()) if self._state_watchers else None
 
-    def _send(self, session: zenoh.Session, item: Outgoing) -> None:
+    def _send(self, session: zenoh.Session, item: OutgoingMessage) -> None:
         try:
             self._publisher(session, item.key).put(item.payload)
         except zenoh.ZError as error:

@@ -18,11 +18,11 @@ from typing import Annotated, Final
 
 import msgspec
 
+from edge.common.own_thread import OwnThread
 from edge.link.inbox import Inbox
 from edge.link.request import Request
-from edge.link.store import Row, SpoolStore
+from edge.link.store import SpoolStore, StoredRow
 from edge.messages import MAX_BACKLOG_ROWS, Backlog, Inventory, SpooledEpoch, encode
-from edge.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
@@ -66,8 +66,8 @@ class Spool(OwnThread):
         self._requests = requests
         self._store: SpoolStore | None = None
         self._lock = threading.Lock()
-        self._waiting: deque[Row] = deque()
-        self._batch: list[Row] = []  # being committed; only the spool's thread touches it
+        self._waiting: deque[StoredRow] = deque()
+        self._batch: list[StoredRow] = []  # being committed; only the spool's thread touches it
         self._next_try = 0.0
         self._error = ""
         self._counts = dict.fromkeys(SpoolCounters.__struct_fields__, 0)
@@ -78,7 +78,7 @@ class Spool(OwnThread):
             if len(self._waiting) >= WAITING_ROWS:
                 self._waiting.popleft()
                 self._counts["dropped"] += 1
-            self._waiting.append(Row(epoch, seq, t_unix_ns, payload))
+            self._waiting.append(StoredRow(epoch, seq, t_unix_ns, payload))
             self._counts["kept"] += 1
 
     @property
@@ -169,7 +169,7 @@ class Spool(OwnThread):
             )
         return list(kept.values())
 
-    def _in_memory(self) -> Sequence[Row]:
+    def _in_memory(self) -> Sequence[StoredRow]:
         with self._lock:
             return [*self._batch, *self._waiting]
 
@@ -181,9 +181,9 @@ class Spool(OwnThread):
         return answers([rows[seq] for seq in sorted(rows)], epoch, first_seq, last_seq)
 
 
-def answers(rows: Sequence[Row], epoch: int, first_seq: int, last_seq: int) -> Iterator[bytes]:
+def answers(rows: Sequence[StoredRow], epoch: int, first_seq: int, last_seq: int) -> Iterator[bytes]:
     """Encoded Backlog messages of about 8 kB that together cover first_seq to last_seq. rows: in order of seq."""
-    chunk: list[Row] = []
+    chunk: list[StoredRow] = []
     begin, size = first_seq, 0
     for row in rows:
         if size + len(row.payload) > ANSWER_BYTES and chunk:
@@ -194,7 +194,7 @@ def answers(rows: Sequence[Row], epoch: int, first_seq: int, last_seq: int) -> I
     yield _encode(chunk, epoch, begin, last_seq)
 
 
-def _encode(rows: Sequence[Row], epoch: int, first_seq: int, last_seq: int) -> bytes:
+def _encode(rows: Sequence[StoredRow], epoch: int, first_seq: int, last_seq: int) -> bytes:
     tracks = [msgspec.Raw(row.payload) for row in rows]
     return encode(Backlog(epoch=epoch, first_seq=first_seq, last_seq=last_seq, tracks=tracks))
 

@@ -24,7 +24,7 @@ CREATE TABLE IF NOT EXISTS rows (
 _INSERT: Final = "INSERT OR IGNORE INTO rows (epoch, seq, t_unix_ns, payload) VALUES (?, ?, ?, ?)"
 
 
-class Row(NamedTuple):
+class StoredRow(NamedTuple):
     """One kept message."""
 
     epoch: int
@@ -46,7 +46,7 @@ class SpoolStore:
         """Close the file; a closed store cannot be used again."""
         self._file.close()
 
-    def add(self, rows: Iterable[Row]) -> int:
+    def add(self, rows: Iterable[StoredRow]) -> int:
         """Keep these rows, in one transaction; returns how many old ones had to go for them."""
         before = self._bytes
         try:
@@ -77,10 +77,10 @@ class SpoolStore:
         ).fetchall()
         return [SpooledEpoch(epoch=e, first_seq=first, last_seq=last, rows=n) for e, first, last, n in found]
 
-    def rows(self, epoch: int, first_seq: int, last_seq: int) -> Sequence[Row]:
+    def rows(self, epoch: int, first_seq: int, last_seq: int) -> Sequence[StoredRow]:
         """What is kept of one run's sequence numbers first to last, in order."""
         return [
-            Row(*row)
+            StoredRow(*row)
             for row in self._file.execute(
                 "SELECT epoch, seq, t_unix_ns, payload FROM rows WHERE epoch = ? AND seq BETWEEN ? AND ? ORDER BY seq",
                 (epoch, first_seq, last_seq),

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tools.scenes.description import Camera, Object, Simulation
+from calib.simulation.description import CameraSpec, ObjectSpec, Simulation
 
 SIDE_M = 60.0  # of the square that the flight stays over
 CAMERAS = ((-70.0, -60.0, 1.0), (75.0, -55.0, 2.0), (5.0, 85.0, 0.0), (-80.0, 60.0, 3.0), (80.0, 55.0, 1.0))
@@ -51,6 +51,6 @@ def site(
         }
         known |= dict(each or {})
         known |= dict((special or {}).get(known["id"], {}))
-        cameras.append(Camera(**known))
-    flight = Object(waypoints_enu=waypoints(duration_s, seed, height_m=height_m), step_s=5.0)
+        cameras.append(CameraSpec(**known))
+    flight = ObjectSpec(waypoints_enu=waypoints(duration_s, seed, height_m=height_m), step_s=5.0)
     return Simulation(seed=seed, object=(flight,), camera=tuple(cameras), duration_s=duration_s)

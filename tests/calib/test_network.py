@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from calib.errors import CalibrationError
 from calib.network import Camera, Network, from_toml, to_toml
+from calib.simulation.camera import rotation
 from edge.lens import LensModel
-from tools.scenes.camera import rotation
 
 numbers = st.floats(-1e6, 1e6, allow_subnormal=False)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.edge.onnx_models import dark_dot_model
+from tests.edge.detector.onnx_models import dark_dot_model
 
 
 @pytest.fixture(scope="session")

@@ -7,30 +7,31 @@ import numpy as np
 import pytest
 
 from edge.app import main
-from edge.boards import Charuco, Chessboard, View, parse_board
+from edge.boards import BoardView, Charuco, Chessboard, parse_board
+from edge.commands.lens import find_views
+from edge.common.errors import ConfigError, LensError
 from edge.config import LensConfig, load
-from edge.errors import ConfigError, LensError
 from edge.lens import LensModel, ray_to_pixel
-from edge.lens_command import find_views
 from edge.lens_fit import fit_lens
+from tests.places import DATA
 
 SIZE = (1920, 1080)
 NOISE_PX = 0.1
 RADTAN = LensModel("radtan", (1400.0, 1405.0, 965.0, 535.0), (-0.22, 0.08, 0.0005, -0.0004), SIZE)
 FISHEYE = LensModel("fisheye", (620.0, 621.0, 955.0, 545.0), (0.03, -0.01, 0.004, -0.001), SIZE)
-RECORDED = Path(__file__).parents[3] / "shared" / "data" / "lens"
+RECORDED = DATA / "lens"
 
 
 def turn(x: float, y: float, z: float) -> np.ndarray:
     return cv2.Rodrigues(np.array([x, y, z]))[0]
 
 
-def seen(lens: LensModel, count: int, seed: int, noise: float = NOISE_PX) -> list[View]:
+def seen(lens: LensModel, count: int, seed: int, noise: float = NOISE_PX) -> list[BoardView]:
     """A 9 x 6 board held into the image, tilted every which way, wholly visible."""
     rng = np.random.default_rng(seed)
     across, down = np.meshgrid(np.arange(9), np.arange(6))
     board = np.stack([across.ravel(), down.ravel(), np.zeros(54)], axis=1) * 30.0
-    views: list[View] = []
+    views: list[BoardView] = []
     while len(views) < count:
         pose = turn(*rng.uniform((-0.6, -0.6, -0.3), (0.6, 0.6, 0.3)))
         reach = 1.1 if lens.model == "fisheye" else 0.5
@@ -40,7 +41,7 @@ def seen(lens: LensModel, count: int, seed: int, noise: float = NOISE_PX) -> lis
             continue
         pixels = ray_to_pixel(lens, inside[:, :2] / inside[:, 2:])
         if np.all((pixels > 10) & (pixels < np.array(SIZE) - 10)):
-            views.append(View(f"{len(views):02}.png", board, pixels + rng.normal(0, noise, pixels.shape)))
+            views.append(BoardView(f"{len(views):02}.png", board, pixels + rng.normal(0, noise, pixels.shape)))
     return views
 
 
@@ -61,7 +62,9 @@ def test_lens_comes_back_within_its_own_sigma(lens: LensModel) -> None:
 def test_only_the_blurred_picture_is_left_out_and_named(seed: int) -> None:
     views = seen(RADTAN, 15, seed=seed)
     rng = np.random.default_rng(seed + 1)
-    views[6] = View("blurred.png", views[6].board_mm, views[6].image_px + rng.normal(0, 3, views[6].image_px.shape))
+    views[6] = BoardView(
+        "blurred.png", views[6].board_mm, views[6].image_px + rng.normal(0, 3, views[6].image_px.shape)
+    )
     fit = fit_lens(views, SIZE, "radtan")
     assert list(fit.rejected) == ["blurred.png"]
     assert "rms" in fit.rejected["blurred.png"]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.errors import MessageError
+from edge.common.errors import MessageError
 from edge.messages import (
     MAX_DETECTIONS,
     MESSAGES,

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge.capture.frame import Frame
+from edge.capture.frame import Picture
+from edge.common.arrays import Array
+from edge.common.errors import ConfigError
 from edge.config import GateConfig
-from edge.detector.detections import Array, Detections, nothing
-from edge.errors import ConfigError
+from edge.detector.detections import Detections, nothing
 from edge.lens import LensModel, ray_to_pixel
 from edge.messages import Tracks, decode, encode
 from edge.pipeline import CameraFacts, Pipeline, SideBySide, total_bound_s
@@ -29,7 +30,7 @@ class Scripted:
     def __init__(self, places: list[tuple[float, float] | None]) -> None:
         self.places = places
 
-    def detect(self, frame: Frame, expected_px: Array) -> Detections:
+    def detect(self, frame: Picture, expected_px: Array) -> Detections:
         place = self.places[int(frame.image[0, 0])]
         if place is None:
             return nothing(2)
@@ -47,17 +48,17 @@ def facts(profile: Any = "tracks") -> CameraFacts:
     return CameraFacts("cam1", LENS, 0.02, GateConfig(profile=profile), epoch=7)
 
 
-def frame(k: int, t_ns: int | None = None, **more: Any) -> Frame:
+def frame(k: int, t_ns: int | None = None, **more: Any) -> Picture:
     image = np.zeros((SIZE[1], SIZE[0]), np.uint8)
     image[0, 0] = k
-    return Frame(T0 + round(k / 30 * 1e9) if t_ns is None else t_ns, image, more.pop("source", "file"), 0.001, **more)
+    return Picture(T0 + round(k / 30 * 1e9) if t_ns is None else t_ns, image, more.pop("source", "file"), 0.001, **more)
 
 
 def flying(count: int) -> list[tuple[float, float] | None]:
     return [(100.0 + 5 * k, 200.0 + k) for k in range(count)]
 
 
-def run(pipeline: Pipeline, frames: list[Frame]) -> list[Tracks]:
+def run(pipeline: Pipeline, frames: list[Picture]) -> list[Tracks]:
     messages = [message for one in frames for message in pipeline.step(one)]
     # What is sent must be what the contract allows.
     return [decode(encode(message), Tracks, where="test") for message in messages]
@@ -92,13 +93,13 @@ def test_bound_adds_the_clock_only_where_the_box_stamped() -> None:
     assert total_bound_s(frame(0, source="sensor"), 0.002) == pytest.approx(0.003)
     assert total_bound_s(frame(0, source="sensor"), None) is None
     assert total_bound_s(frame(0, source="file"), None) == 0.001
-    assert total_bound_s(Frame(T0, frame(0).image, "file", None), 0.002) is None
+    assert total_bound_s(Picture(T0, frame(0).image, "file", None), 0.002) is None
 
 
 def test_lens_of_another_resolution_is_refused() -> None:
     pipeline = Pipeline(facts(), Scripted([None]), lambda: None)
     with pytest.raises(ConfigError, match=r"camera cam1.*640 x 480.*320 x 240"):
-        pipeline.step(Frame(T0, np.zeros((240, 320), np.uint8), "file"))
+        pipeline.step(Picture(T0, np.zeros((240, 320), np.uint8), "file"))
 
 
 def test_time_that_stands_or_goes_back_is_left_out_and_counted() -> None:

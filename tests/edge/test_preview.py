@@ -7,16 +7,16 @@ import cv2
 import numpy as np
 import pytest
 
-from edge.capture.frame import Frame
-from edge.errors import ConfigError
-from edge.gate import Row
+from edge.capture.frame import Picture
+from edge.common.errors import ConfigError
+from edge.gate import TrackRow
 from edge.preview import Preview, draw
 
-FRAME = Frame(10**18, np.full((1080, 1920), 90, np.uint8), "file")
-ROWS = [Row(10**18, 3, 959.5, 539.5, 20.0, 10.0, 0.9, "confirmed")]
+FRAME = Picture(10**18, np.full((1080, 1920), 90, np.uint8), "file")
+ROWS = [TrackRow(10**18, 3, 959.5, 539.5, 20.0, 10.0, 0.9, "confirmed")]
 
 
-def latest() -> tuple[Frame, list[Row], str, str]:
+def latest() -> tuple[Picture, list[TrackRow], str, str]:
     return FRAME, ROWS, "ok", "cam1: frames arrive"
 
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edge.capture.frame import Frame
+from edge.capture.frame import Picture
 from edge.view import ViewWatch
 
 SIZE = (960, 540)
@@ -17,10 +17,10 @@ def landscape(seed: int = 1) -> np.ndarray:
     return np.clip(130 + coarse + rng.normal(0, 10, coarse.shape), 0, 255)
 
 
-def look(scene: np.ndarray, du: float, dv: float, k: int, noise: float = 2.0) -> Frame:
+def look(scene: np.ndarray, du: float, dv: float, k: int, noise: float = 2.0) -> Picture:
     moved = cv2.warpAffine(scene, np.array([[1, 0, du - 100], [0, 1, dv - 100.0]]), SIZE, flags=cv2.INTER_LINEAR)
     image = np.clip(moved + np.random.default_rng(k).normal(0, noise, moved.shape), 0, 255).astype(np.uint8)
-    return Frame(k * STEP_NS, image, "file")
+    return Picture(k * STEP_NS, image, "file")
 
 
 @pytest.mark.parametrize(("du", "dv"), [(6.0, 0.0), (-20.0, 9.0), (3.0, 40.0)])
@@ -51,4 +51,4 @@ def test_another_segment_is_compared_only_after_its_first_look() -> None:
     scene, watch = landscape(), ViewWatch()
     for k in range(20):
         watch.update(look(scene, 0.0, 0.0, k))
-    assert watch.update(Frame(20 * STEP_NS + 1, look(scene, 0, 0, 20).image, "file", segment=1)) is None
+    assert watch.update(Picture(20 * STEP_NS + 1, look(scene, 0, 0, 20).image, "file", segment=1)) is None

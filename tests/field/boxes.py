@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.edge.detector.onnx_models import dark_dot_model
 from tests.edge.footage import flight, sky, write_video
-from tests.edge.onnx_models import dark_dot_model
 
 SIZE = (320, 240)
 CONFIG = """

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tools.fieldwork.air import Air, possible
-from tools.fieldwork.heard import Row, live_again_after
-from tools.fieldwork.site import ROOT, Made, Site
+from tools.doubles.air import Air, possible
+from tools.doubles.heard import Row, live_again_after
+from tools.doubles.site import ROOT, Made, Site
 
 CAMERAS = ("cam0", "cam1", "cam2")
 CUT_S = 5.0
@@ -24,7 +24,9 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo's flight as a track folder."""
     folder = tmp_path_factory.mktemp("flight") / "demo"
     scene = ROOT / "deploy" / "scenes" / "demo.toml"
-    subprocess.run([sys.executable, "-m", "tools.simulate", str(scene), "-o", str(folder)], check=True, cwd=ROOT)
+    subprocess.run(
+        [sys.executable, "-m", "calib.station.app", "simulate", str(scene), "-o", str(folder)], check=True, cwd=ROOT
+    )
     return folder
 
 

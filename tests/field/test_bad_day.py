@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 
 from tests.field.conftest import BadDay
-from tools.fieldwork.heard import latency_s, live_again_after
+from tools.doubles.heard import latency_s, live_again_after
 
 
 def test_nothing_measured_is_lost(bad_day: BadDay) -> None:

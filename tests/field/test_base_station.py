@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
-import calib.station.mavlink.messages  # noqa: F401 -- registers the dialect with pymavlink's parser
+import calib.station.outputs.mavlink.messages  # noqa: F401 -- registers the dialect with pymavlink's parser
 from calib.geodesy import ecef_to_enu
 from calib.station.archive import recording
-from calib.station.archive.memory import Keeper
-from tools.bench.station_feed import boxes
-from tools.bench.station_messages import SITE
-from tools.bench.station_scenes import ORIGIN, Scene, Spec, make
+from calib.station.archive.state_store import StateStore
+from tools.doubles.box_messages import SITE
+from tools.doubles.feed import boxes
+from tools.doubles.flight import ORIGIN, Scene, Spec, make
 
 SPEC = Spec(cameras=3, uavs=1, rate_hz=15.0, duration_s=60.0)
 BACK_WITHIN_S = 30.0  # 5 s on a quiet computer (tools.bench.field kills); here only a hang may fail
@@ -82,7 +82,7 @@ def folder(tmp_path: Path, endpoint: str, listener: Listener) -> Path:
         f'[[mavlink.endpoint]]\nurl = "udp:127.0.0.1:{listener.port}"\nprofile = ["gcs", "ecef"]\n'
     )
     (tmp_path / "state").mkdir()
-    with Keeper(tmp_path / "state") as keeper:
+    with StateStore(tmp_path / "state") as keeper:
         keeper.store_network(make(SPEC).network)
     return tmp_path
 

@@ -10,11 +10,11 @@ import pytest
 
 from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
-from edge.link.profile import LinkSettings
+from edge.link.settings import LinkSettings
 from edge.messages import Health, camera_key, decode
 from tests.field import boxes
-from tools.fieldwork.base import Base
-from tools.fieldwork.disks import filler_of, on_full_disk, on_read_only_disk, possible
+from tools.doubles.base import Base
+from tools.doubles.disks import filler_of, on_full_disk, on_read_only_disk, possible
 
 WITHIN_S = 40.0  # on a busy machine; seconds elsewhere
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from edge.link.link import Link
-from edge.link.profile import LinkSettings
+from edge.link.settings import LinkSettings
 from edge.messages import Health, Lens, Tracks, camera_key, decode
+from tests.edge.detector.onnx_models import constant_model, dark_dot_model
 from tests.edge.footage import flight, sky, write_video
-from tests.edge.onnx_models import constant_model, dark_dot_model
 
 SIZE = (320, 240)
 T0 = 1_700_000_000 * 10**9

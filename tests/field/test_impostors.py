@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tools.bench.impostors import IMPOSTORS, trial
-from tools.fieldwork.air import Air, possible
-from tools.fieldwork.site import Site
+from tools.doubles.air import Air, possible
+from tools.doubles.site import Site
 
 WITH_CERTIFICATES = [one for one in IMPOSTORS if "own" in one.name or "camera" in one.name]  # the rest: the bench
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from tools.bench.mavlink_forgery import attacks, trial
 from tools.bench.mavlink_peers import KINDS, Hour
-from tools.fieldwork.peers import Peers, dissected, has_wireshark
+from tools.doubles.peers import Peers, dissected, has_wireshark
 
-ATTACK = "another key, 50 years ahead"  # the others: the bench, and tests/station
+ATTACK = "another key, 50 years ahead"  # the others: the bench, and tests/calib/station/outputs
 TOLD_TWICE = 2  # what is on its way when the counting begins and ends
 
 

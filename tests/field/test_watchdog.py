@@ -6,10 +6,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from edge.link.link import Link
-from edge.link.profile import LinkSettings
+from edge.link.settings import LinkSettings
 from tests.field import boxes
-from tools.fieldwork.base import Base
-from tools.fieldwork.supervisor import Supervisor
+from tools.doubles.base import Base
+from tools.doubles.supervisor import Supervisor
 
 WATCHDOG_S = 4.0
 STARTS_WITHIN_S = 60.0  # on a busy machine

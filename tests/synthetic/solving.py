@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.observations import Scene
+from calib.simulation.description import Simulation
+from calib.simulation.simulation import Simulated, simulate
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
-from tools.scenes.description import Simulation
-from tools.scenes.simulation import Simulated, simulate
 
 # Errors that a flight shares (attitudes, lenses) make one draw of few numbers: four of their sigmas are never reached
 # by chance in some hundred tests, and a wrong basin is off by tens of them.

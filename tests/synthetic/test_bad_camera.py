@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calib.observations import Observations, Scene
+from calib.simulation.simulation import Simulated
 from tests.calib.flights import site
 from tests.synthetic.solving import assert_right, solved
-from tools.scenes.simulation import Simulated
 
 
 def with_tracks(simulated: Simulated, seen: Observations) -> Scene:

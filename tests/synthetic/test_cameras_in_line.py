@@ -7,10 +7,10 @@ import pytest
 
 from calib.errors import CalibrationError
 from calib.observations import Scene
+from calib.simulation.camera import rotation
+from calib.simulation.simulation import Simulated
 from tests.calib.flights import site
 from tests.synthetic.solving import assert_right, solved
-from tools.scenes.camera import rotation
-from tools.scenes.simulation import Simulated
 
 LINE = {f"cam{k + 1}": {"centre_enu": (-60.0 + 40.0 * k, -70.0, 1.0)} for k in range(4)}
 UP_SIGMA_DEG = 0.5

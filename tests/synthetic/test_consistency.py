@@ -3,9 +3,9 @@
 import numpy as np
 from scipy import stats
 
+from calib.simulation.description import LensFault
 from tests.calib.flights import site
 from tests.synthetic.solving import solved
-from tools.scenes.description import LensError
 
 FLIGHTS = 24
 CHANCE = 1e-3  # that a true covariance fails here
@@ -13,7 +13,7 @@ CHANCE = 1e-3  # that a true covariance fails here
 
 def middle_squared(trial: int) -> float:
     """Squared error at the middle of a flight in units of its covariance: chi-square of 3 if that is true."""
-    drawn = LensError(focal=0.01, centre_px=10.0, k1=0.01)
+    drawn = LensFault(focal=0.01, centre_px=10.0, k1=0.01)
     description = site(
         offsets_s=(0.0,) * 4, seed=trial, duration_s=40.0, each={"lens_error": drawn, "clock_bound_s": 1e-4}
     )

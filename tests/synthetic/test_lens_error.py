@@ -2,9 +2,9 @@
 
 import pytest
 
+from calib.simulation.description import LensFault
 from tests.calib.flights import site
 from tests.synthetic.solving import assert_right, solved
-from tools.scenes.description import LensError
 
 
 @pytest.mark.parametrize("percent", [3.0, -3.0])
@@ -23,5 +23,5 @@ def test_three_per_cent_are_found_and_named(percent: float) -> None:
 
 def test_errors_as_large_as_the_prior_expects_cost_what_the_covariance_says() -> None:
     for trial in range(3):
-        drawn = LensError(focal=0.01, centre_px=5.0, k1=0.01)
+        drawn = LensFault(focal=0.01, centre_px=5.0, k1=0.01)
         assert_right(solved(site(offsets_s=(0.0,) * 5, each={"lens_error": drawn}), trial=trial))

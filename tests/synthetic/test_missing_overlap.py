@@ -3,9 +3,9 @@
 import pytest
 
 from calib.errors import CalibrationError
+from calib.simulation.description import Blind
 from tests.calib.flights import site
 from tests.synthetic.solving import assert_right, solved
-from tools.scenes.description import Blind
 
 
 def seeing(**spans_s: tuple[float, float]) -> dict[str, dict[str, object]]:

@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 
 from calib.observations import Scene
+from calib.simulation.description import ObjectSpec, Simulation
+from calib.simulation.simulation import Simulated
 from tests.calib.flights import site, waypoints
 from tests.synthetic.solving import Solved, assert_right, solved
-from tools.scenes.description import Object, Simulation
-from tools.scenes.simulation import Simulated
 
 
 def with_others(count: int, cameras: int = 4) -> Simulation:
     alone = site(offsets_s=(0.0,) * cameras)
     others = tuple(
-        Object(name=f"bird{k}", kind="bird", waypoints_enu=waypoints(60.0, 50 + k, height_m=(15.0, 70.0)), step_s=5.0)
+        ObjectSpec(
+            name=f"bird{k}", kind="bird", waypoints_enu=waypoints(60.0, 50 + k, height_m=(15.0, 70.0)), step_s=5.0
+        )
         for k in range(count)
     )
     return msgspec.structs.replace(alone, object=(*alone.object, *others))

@@ -17,11 +17,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from calib.geodesy import enu_to_ecef, geodetic_to_enu
+from calib.simulation.description import ObjectSpec
+from calib.simulation.flight import ObjectFlight, flight
 from calib.station import config as base_config
-from calib.station.mavlink import dialect
+from calib.station.archive.scene_file import load
+from calib.station.outputs.mavlink import dialect
 from edge import config as box_config
-from edge import settings
-from edge.errors import SkyfixError
+from edge.common import settings
+from edge.common.errors import SkyfixError
 from tools.demo import SCENE, verdict
 from tools.demonstration import site
 from tools.demonstration.listener import Listener, Position
@@ -29,8 +32,6 @@ from tools.demonstration.processes import Programs
 from tools.demonstration.receivers import UNDULATION_M, Receivers, epoch
 from tools.demonstration.score import errors_m, followed_m, score
 from tools.demonstration.screen import Screen, View
-from tools.scenes.description import Object, load
-from tools.scenes.flight import Flight, flight
 
 ORIGIN = (47.4085, 8.5071, 580.0)
 START = 1_780_000_000 * 10**9
@@ -108,13 +109,15 @@ def test_listener_reads_what_the_station_writes(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def flights() -> list[Flight]:
-    drone = Object(waypoints_enu=((0, 0, 30), (100, 0, 30)), step_s=10.0)
-    bird = Object(name="crow", kind="bird", waypoints_enu=((0, 60, 30), (100, 60, 40)), step_s=5.0)
+def flights() -> list[ObjectFlight]:
+    drone = ObjectSpec(waypoints_enu=((0, 0, 30), (100, 0, 30)), step_s=10.0)
+    bird = ObjectSpec(name="crow", kind="bird", waypoints_enu=((0, 60, 30), (100, 60, 40)), step_s=5.0)
     return [flight(drone), flight(bird)]
 
 
-def positions(path: Flight, off_enu: tuple[float, float, float], track: int, *, first_s: float = 1.0) -> list[Position]:
+def positions(
+    path: ObjectFlight, off_enu: tuple[float, float, float], track: int, *, first_s: float = 1.0
+) -> list[Position]:
     t_s = np.arange(first_s, 4.9, 0.1)
     ecef = enu_to_ecef(path.position_enu(t_s) + off_enu, ORIGIN)
     times = [START + round(t * 1e9) for t in t_s.tolist()]
@@ -124,7 +127,7 @@ def positions(path: Flight, off_enu: tuple[float, float, float], track: int, *, 
     ]
 
 
-def test_a_target_whose_object_has_landed_is_not_measured_against_another(flights: list[Flight]) -> None:
+def test_a_target_whose_object_has_landed_is_not_measured_against_another(flights: list[ObjectFlight]) -> None:
     heard = positions(flights[1], (0.1, 0, 0), 2)
     late = [heard[-1]._replace(time_ns=START + 7 * 10**9)]  # the bird landed after 5 s, the drone flies on
     error = errors_m(heard + late, flights, START, ORIGIN)
@@ -134,7 +137,7 @@ def test_a_target_whose_object_has_landed_is_not_measured_against_another(flight
     assert np.isinf(found[-1])
 
 
-def test_each_track_counts_for_the_object_it_follows(flights: list[Flight]) -> None:
+def test_each_track_counts_for_the_object_it_follows(flights: list[ObjectFlight]) -> None:
     heard = positions(flights[0], (0.3, 0.0, 0.4), 1) + positions(flights[1], (0.0, 2.0, 0.0), 2)
     heard += positions(flights[0], (0.0, 0.0, 200.0), 3)
     result = score(heard, flights, START, ORIGIN)
@@ -147,7 +150,7 @@ def test_each_track_counts_for_the_object_it_follows(flights: list[Flight]) -> N
     assert result.passed
 
 
-def test_a_track_that_goes_astray_counts_against_its_object(flights: list[Flight]) -> None:
+def test_a_track_that_goes_astray_counts_against_its_object(flights: list[ObjectFlight]) -> None:
     good = positions(flights[0], (0.0, 0.0, 0.0), 1)
     heard = good[:20] + positions(flights[0], (0.0, 0.0, 3.0), 1)[20:]
     result = score(heard, flights, START, ORIGIN)
@@ -155,7 +158,7 @@ def test_a_track_that_goes_astray_counts_against_its_object(flights: list[Flight
     assert not result.passed
 
 
-def test_nothing_and_farewells_do_not_pass(flights: list[Flight]) -> None:
+def test_nothing_and_farewells_do_not_pass(flights: list[ObjectFlight]) -> None:
     assert not score([], flights, START, ORIGIN).passed
     farewell = [p._replace(state=4) for p in positions(flights[0], (0.0, 0.0, 0.0), 1)]
     assert not score(farewell, flights, START, ORIGIN).passed
@@ -164,7 +167,7 @@ def test_nothing_and_farewells_do_not_pass(flights: list[Flight]) -> None:
     assert "drone: no position" in verdict(only_bird, Path("out"), {})
 
 
-def test_the_verdict_says_all_that_was_promised(flights: list[Flight], tmp_path: Path) -> None:
+def test_the_verdict_says_all_that_was_promised(flights: list[ObjectFlight], tmp_path: Path) -> None:
     (tmp_path / "recording").mkdir()
     (tmp_path / "recording" / "demo.mcap").touch()
     text = verdict(score(positions(flights[0], (0.1, 0.0, 0.0), 1), flights, START, ORIGIN), tmp_path, {"HEARTBEAT": 5})

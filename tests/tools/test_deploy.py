@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.places import ROOT
+
 UNITS = sorted((ROOT / "systemd").glob("*.service"))
 SANDBOXED = [unit for unit in UNITS if unit.name != "skyfix-access.service"]
 MOST_EXPOSED = 2.0  # of systemd's 10

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.errors import SkyfixError
+from edge.common.errors import SkyfixError
 from tools import evaluate_detections as program
 from tools.scoring.detections import (
     Boxes,

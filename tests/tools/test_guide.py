@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.places import ROOT
 from tools.guide import GUIDE, PARTS, filled
 
-ROOT = Path(__file__).parents[2]
 TEXT = GUIDE.read_text()
 PROGRAMS = {"edge-node": "edge.app", "base-station": "calib.station.app"}
 # What varies in a quoted sentence: a number with its unit, a camera's name, a size.

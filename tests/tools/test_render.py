@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+from calib.simulation.description import CameraSpec, ObjectSpec, Simulation, Weather
+from calib.simulation.simulation import watch
 from tools import render as program
 from tools.rendering.footage import Frame, footage
 from tools.rendering.silhouette import FLAP_PHASES, draw, shape
-from tools.scenes.description import Camera, Object, Simulation, Weather
-from tools.scenes.simulation import watch
 
 CLEAR = Weather(clouds=0.0, foliage=0.0, sun=False, sensor_noise=0.0)
 SKYWARDS = {"size_px": (320, 240), "intrinsics": (300.0, 300.0, 159.5, 119.5), "centre_enu": (0.0, 0.0, 0.0)}
@@ -18,8 +18,8 @@ SKYWARDS = {"size_px": (320, 240), "intrinsics": (300.0, 300.0, 159.5, 119.5), "
 
 def scene(weather: Weather = CLEAR, **changes: object) -> Simulation:
     """A drone that crosses the picture of one small camera in a second."""
-    drone = Object(waypoints_enu=((-4.0, 30.0, 20.0), (4.0, 30.0, 22.0)), step_s=1.0, width_m=1.2, height_m=0.5)
-    camera = Camera(id="cam0", **(SKYWARDS | {"look_at_enu": (0.0, 30.0, 21.0), "frame_rate_hz": 20.0} | changes))  # type: ignore[arg-type]
+    drone = ObjectSpec(waypoints_enu=((-4.0, 30.0, 20.0), (4.0, 30.0, 22.0)), step_s=1.0, width_m=1.2, height_m=0.5)
+    camera = CameraSpec(id="cam0", **(SKYWARDS | {"look_at_enu": (0.0, 30.0, 21.0), "frame_rate_hz": 20.0} | changes))  # type: ignore[arg-type]
     return Simulation(seed=4, object=(drone,), camera=(camera,), weather=weather)
 
 
@@ -94,7 +94,7 @@ def test_sensor_noise_has_the_sigma_asked_for() -> None:
 
 
 def test_an_object_behind_trees_is_labelled_hidden() -> None:
-    low = Object(waypoints_enu=((-3.0, 30.0, -3.0), (3.0, 30.0, -3.0)), step_s=1.0)
+    low = ObjectSpec(waypoints_enu=((-3.0, 30.0, -3.0), (3.0, 30.0, -3.0)), step_s=1.0)
     wooded = Weather(clouds=0.0, foliage=0.0, sun=False, sensor_noise=0.0)
     camera = scene(look_at_enu=(0.0, 30.0, 0.0)).camera[0]
     drawn = frames(Simulation(seed=1, object=(low,), camera=(camera,), weather=wooded))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edge.errors import SourceError
+from edge.common.errors import SourceError
 from tools.bench.detection import from_zero
 from tools.scoring.detections import Boxes
 from tools.train.backdrops import foliage, sky

@@ -10,7 +10,7 @@ onnx = pytest.importorskip("onnx", reason="the train extra is not installed: pip
 
 import onnxruntime as ort  # noqa: E402
 
-from edge.errors import SkyfixError  # noqa: E402
+from edge.common.errors import SkyfixError  # noqa: E402
 from tools.train import __main__ as program  # noqa: E402
 from tools.train.compose import BOX_VALUES, MAX_BOXES, Composer  # noqa: E402
 from tools.train.export import About, export  # noqa: E402

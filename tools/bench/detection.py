@@ -21,15 +21,15 @@ from typing import Final
 import cv2
 import numpy as np
 
-from edge.capture.frame import Frame, Image
+from edge.capture.frame import Image, Picture
+from edge.common.errors import SkyfixError, SourceError
 from edge.config import SHIPPED_MODEL, DetectorConfig, GateConfig
 from edge.detector import Detections, open_detector
 from edge.detector.detections import nothing
 from edge.detector.look import look
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
-from edge.errors import SkyfixError, SourceError
-from edge.gate import Row, make_gate
+from edge.gate import TrackRow, make_gate
 from tools.evaluate_detections import read_all, score
 from tools.scoring.detections import Boxes, Scores, no_boxes
 from tools.train.footage import first_number, read_split, stacks
@@ -51,7 +51,7 @@ class ClipResult:
     vote: str | None
 
 
-def frames_of(video: Path) -> Iterator[Frame]:
+def frames_of(video: Path) -> Iterator[Picture]:
     """The frames of a clip, grey, stamped by its frame rate."""
     capture = cv2.VideoCapture(str(video))
     if not capture.isOpened():
@@ -59,7 +59,7 @@ def frames_of(video: Path) -> Iterator[Frame]:
     period_ns = round(1e9 / (capture.get(cv2.CAP_PROP_FPS) or 30.0))
     number = 0
     while (image := _next(capture)) is not None:
-        yield Frame(START_UNIX_NS + number * period_ns, image, "file")
+        yield Picture(START_UNIX_NS + number * period_ns, image, "file")
         number += 1
     capture.release()
 
@@ -97,7 +97,7 @@ def _scaled(image: Image, scale: float) -> Image:
     return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def staged(video: Path, model: str) -> tuple[Boxes, list[Row], int, tuple[str, ...]]:
+def staged(video: Path, model: str) -> tuple[Boxes, list[TrackRow], int, tuple[str, ...]]:
     """What the two stages find as a box runs them, the rows its gate gives, how many frames, the classes' names."""
     detector = open_detector(DetectorConfig(model=model), background=False)
     gate, found, rows = None, [], []
@@ -119,7 +119,7 @@ def _boxes(found: list[Detections], scale: float) -> Boxes:
     return Boxes(frame, boxes, np.concatenate([each.score for each in found]))
 
 
-def of_rows(rows: list[Row], video: Path) -> Boxes:
+def of_rows(rows: list[TrackRow], video: Path) -> Boxes:
     """The rows of a gate, interpolated ones too, as boxes of frames."""
     capture = cv2.VideoCapture(str(video))
     period_ns = round(1e9 / (capture.get(cv2.CAP_PROP_FPS) or 30.0))
@@ -131,7 +131,7 @@ def of_rows(rows: list[Row], video: Path) -> Boxes:
     return Boxes(frame, np.column_stack([table[:, :2] + 0.5 - table[:, 2:4] / 2, table[:, 2:4]]), table[:, 4])
 
 
-def vote(rows: list[Row], names: tuple[str, ...]) -> str | None:
+def vote(rows: list[TrackRow], names: tuple[str, ...]) -> str | None:
     """The class of the track that was seen most surely for longest, as it stood at its end; None without a track."""
     measured = [row for row in rows if row.status == "confirmed"]
     if not measured:

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from edge.common.errors import SkyfixError
 from edge.config import SHIPPED_MODEL
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
-from edge.errors import SkyfixError
 from tools.bench.detection import LOWEST_SCORE, from_zero
 from tools.evaluate_detections import read_all
 from tools.scoring.detections import Boxes, evaluate

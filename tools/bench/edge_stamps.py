@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from edge.capture.live import RtspStream, open_rtsp
-from tools.bench.rtsp_camera import RtspCamera
+from tools.doubles.rtsp_camera import RtspCamera
 
 BITS = 16
 SHIFT_S = 3.0

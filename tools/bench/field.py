@@ -25,10 +25,10 @@ import numpy as np
 
 from calib.station.archive import recording
 from edge.link.store import SpoolStore
-from tools.fieldwork.air import Air, possible
-from tools.fieldwork.heard import Row, latency_s, live_again_after
-from tools.fieldwork.site import ROOT, Site
-from tools.fieldwork.truth import CHI2_3_95, CHI2_3_999, Error
+from tools.doubles.air import Air, possible
+from tools.doubles.heard import Row, latency_s, live_again_after
+from tools.doubles.site import ROOT, Site
+from tools.doubles.truth import CHI2_3_95, CHI2_3_999, Error
 
 CAMERAS: Final = ("cam0", "cam1", "cam2")
 CALM_S: Final = 15.0  # before a fault, to compare with
@@ -229,7 +229,13 @@ def main() -> int:
     hosts = ("base", "router") if options.router or options.fault == "kills" else ("base",)
     with tempfile.TemporaryDirectory() as temporary, Air(*hosts, *CAMERAS) as air:
         flight = Path(temporary) / "flight"
-        command = [sys.executable, "-m", "tools.simulate", str(ROOT / "deploy" / "scenes" / "demo.toml")]
+        command = [
+            sys.executable,
+            "-m",
+            "calib.station.app",
+            "simulate",
+            str(ROOT / "deploy" / "scenes" / "demo.toml"),
+        ]
         subprocess.run([*command, "-o", str(flight)], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
         site = Site(air, Path(temporary), flight, secure=not options.plain)
         try:

@@ -18,7 +18,7 @@ import numpy as np
 from edge.gnss.framing import fletcher
 from edge.gnss.gates import Position, offset_m
 from edge.gnss.session import StaticSession
-from tools.bench.gnss_simulator import Place, gga, gst, rmc, rtk_error, zda
+from tools.doubles.receiver import Place, gga, gst, rmc, rtk_error, zda
 
 WRONG_M: Final = 0.05
 BLOCK_S: Final = 600  # of stream between fresh sessions

@@ -23,9 +23,9 @@ import numpy as np
 from calib.station.archive import recording
 from edge.messages import Tracks, camera_key, encode
 from tools.bench.field import CAMERAS, PATIENCE_S, settle, wait
-from tools.fieldwork.air import Air, possible
-from tools.fieldwork.site import ROOT, Site
-from tools.fieldwork.truth import CHI2_3_999
+from tools.doubles.air import Air, possible
+from tools.doubles.site import ROOT, Site
+from tools.doubles.truth import CHI2_3_999
 
 VICTIM: Final = "cam1"
 HOUR_NS: Final = 3600 * 10**9
@@ -165,7 +165,13 @@ def main() -> int:
         return 1
     with tempfile.TemporaryDirectory() as temporary, Air("base", "evil", *CAMERAS) as air:
         flight = Path(temporary) / "flight"
-        command = [sys.executable, "-m", "tools.simulate", str(ROOT / "deploy" / "scenes" / "demo.toml")]
+        command = [
+            sys.executable,
+            "-m",
+            "calib.station.app",
+            "simulate",
+            str(ROOT / "deploy" / "scenes" / "demo.toml"),
+        ]
         subprocess.run([*command, "-o", str(flight)], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
         site = Site(air, Path(temporary), flight, secure=True)
         print("{:34} {:>6} {:>9} {:>12} {:>8}".format("impostor", "said", "admitted", "disbelieved", "refused"))

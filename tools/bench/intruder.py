@@ -2,7 +2,7 @@
 
     python -m tools.bench.intruder            prints the seed and the counts; exit code 1 if any was accepted
 
-The flood is sent without TLS, for with it an intruder does not even get a session (tests/edge/test_link_security.py).
+The flood is sent without TLS, for with it an intruder does not even get a session (tests/edge/link/test_security.py).
 """
 
 import argparse
@@ -16,10 +16,11 @@ from typing import Final
 import msgspec
 import zenoh
 
-from edge.errors import MessageError
+from edge.common.errors import MessageError
 from edge.link.inbox import Received
 from edge.link.link import Link
-from edge.link.profile import LinkSettings, zenoh_config
+from edge.link.profile import zenoh_config
+from edge.link.settings import LinkSettings
 from edge.messages import MESSAGES, Backlog, Inventory, Tracks, camera_key, decode, encode
 
 ENDPOINT: Final = "tcp/127.0.0.1:27447"

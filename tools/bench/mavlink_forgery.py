@@ -21,9 +21,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega, common
 
-from calib.station.mavlink.codec import Codec
+from calib.station.outputs.mavlink.codec import Codec
 from tools.demonstration.site import free_port
-from tools.fieldwork.base import Base, key_of
+from tools.doubles.base import Base, key_of
 
 PASSPHRASE: Final = "hill"
 KEY: Final = key_of(PASSPHRASE)

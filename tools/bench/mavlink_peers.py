@@ -22,10 +22,10 @@ from typing import Final
 
 from pymavlink.dialects.v20 import common
 
-from calib.station.mavlink.codec import ticks
+from calib.station.outputs.mavlink.codec import ticks
 from tools.demonstration.site import free_port
-from tools.fieldwork.base import Base, key_of
-from tools.fieldwork.peers import Ear, Peers, dissected, has_wireshark
+from tools.doubles.base import Base, key_of
+from tools.doubles.peers import Ear, Peers, dissected, has_wireshark
 
 PASSPHRASE: Final = "hill"
 HOUR_S: Final = 3600.0

@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.station.archive.backfill import Backfill
 from edge.link.link import Link
-from edge.link.profile import LinkSettings
+from edge.link.settings import LinkSettings
 from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Detection, Tracks, camera_key, decode, encode
 

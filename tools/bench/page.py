@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from calib.station.archive.memory import Keeper
-from tools.bench.station_feed import boxes
-from tools.bench.station_messages import SITE
-from tools.bench.station_scenes import ORIGIN, Spec, make
+from calib.station.archive.state_store import StateStore
+from tools.doubles.box_messages import SITE
+from tools.doubles.feed import boxes
+from tools.doubles.flight import ORIGIN, Spec, make
 
 PORT: Final = 18080
 ENDPOINT: Final = "tcp/127.0.0.1:17448"
@@ -87,7 +87,7 @@ def running(folder: Path, spec: Spec) -> Iterator[int]:
         '[[mavlink.endpoint]]\nurl = "udp:127.0.0.1:9"\nprofile = ["ecef"]\n'
     )
     (folder / "state").mkdir()
-    with Keeper(folder / "state") as keeper:
+    with StateStore(folder / "state") as keeper:
         keeper.store_network(scene.network)
     command = [sys.executable, "-m", "calib.station.app", "run", "--config", str(folder / "base.toml")]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as station:

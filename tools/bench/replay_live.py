@@ -18,22 +18,23 @@ import numpy as np
 import tomli_w
 
 from calib.geodesy import ecef_to_enu
-from edge.errors import SkyfixError
+from calib.scoring.alignment import ALIGNMENTS
+from calib.scoring.timing import Path as Track
+from calib.scoring.trajectory import evaluate
+from calib.station.app import main as base_station
+from calib.station.archive.replay_source import ReplaySource, open_source
+from calib.station.commands.score import read_truth, table
+from edge.common.errors import SkyfixError
 from tools.demonstration.listener import Listener, Position
 from tools.demonstration.processes import Programs
 from tools.demonstration.score import LOST
 from tools.demonstration.site import free_port
-from tools.evaluate import evaluate, read_truth, table
-from tools.replay import main as replay
-from tools.replaying.source import Source, open_source
-from tools.scoring.alignment import ALIGNMENTS
-from tools.scoring.timing import Path as Track
 
 OUTPUT: Final = Path("out") / "replay_live"
 TAIL_S: Final = 3.0  # after the last message, for what is still under way
 
 
-def base_toml(source: Source, zenoh_port: int, mavlink_port: int) -> str:
+def base_toml(source: ReplaySource, zenoh_port: int, mavlink_port: int) -> str:
     """A base for these cameras; their positions come from their own fixes."""
     endpoint = {"url": f"udp:127.0.0.1:{mavlink_port}", "profile": ["ecef"], "rate_hz": 200.0}
     return tomli_w.dumps(
@@ -49,7 +50,7 @@ def base_toml(source: Source, zenoh_port: int, mavlink_port: int) -> str:
     )
 
 
-def run(source: Source, speed: float, folder: Path) -> tuple[list[Position], int]:
+def run(source: ReplaySource, speed: float, folder: Path) -> tuple[list[Position], int]:
     """Replay into a fresh base; all positions heard, and the replay's exit code (1: something was lost)."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -60,7 +61,7 @@ def run(source: Source, speed: float, folder: Path) -> tuple[list[Position], int
         config = folder / "base.toml"
         config.write_text(base_toml(source, port, listener.port), encoding="utf-8")
         base = programs.start("base-station", "base-station", "run", "--config", str(config))
-        code = replay([str(source.path), "--speed", str(speed), "--connect", f"tcp/127.0.0.1:{port}"])
+        code = base_station(["replay", str(source.path), "--speed", str(speed), "--connect", f"tcp/127.0.0.1:{port}"])
         time.sleep(TAIL_S)
         programs.check()
         base.stop()

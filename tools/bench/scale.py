@@ -20,7 +20,7 @@ import numpy as np
 
 from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
-from edge.link.profile import LinkSettings
+from edge.link.settings import LinkSettings
 from edge.messages import Detection, Target, Targets, Tracks, camera_key, decode, encode, site_key, station_key
 
 FIRST_PORT: Final = 18000

@@ -22,15 +22,16 @@ from scipy import stats
 from calib.errors import CalibrationError
 from calib.network import from_toml
 from calib.observations import Observations, Scene
+from calib.scoring.trajectory import evaluate
+from calib.simulation.description import CameraSpec, LensFault, ObjectSpec, Simulation
+from calib.simulation.simulation import simulate
 from calib.solving.solution import Solution
 from calib.solving.solve import solve
 from calib.station.archive import trackfolder
-from calib.station.solve_command import restricted
-from edge.lens import Array
-from tools.evaluate import evaluate, read_trajectory, read_truth
+from calib.station.commands.score import read_trajectory, read_truth
+from calib.station.commands.solve import restricted
+from edge.common.arrays import Array
 from tools.paper.trials import ONE_THREAD
-from tools.scenes.description import Camera, LensError, Object, Simulation
-from tools.scenes.simulation import simulate
 
 RECORDINGS: Final = Path("../shared/data")
 # Recording, alignment, what of it, RMSE or median to reach (m).
@@ -185,15 +186,15 @@ def _flight(seed: int, duration_s: float) -> Simulation:
     places = rng.uniform([-30, -30, 20], [30, 30, 60], (int(duration_s // 5) + 2, 3))
     centres = ((-70.0, -60.0, 1.0), (75.0, -55.0, 2.0), (5.0, 85.0, 0.0), (-80.0, 60.0, 3.0))
     cameras = tuple(
-        Camera(
+        CameraSpec(
             id=f"cam{k + 1}", centre_enu=centre, look_at_enu=(0.0, 0.0, 38.0), frame_rate_hz=15.0, phase_s=0.013 * k,
             noise_px=0.4, drift_px=0.3, drift_s=0.3, dropout=0.1, outlier=0.02, survey_error="gaussian",
-            lens_error=LensError(focal=0.01, centre_px=10.0, k1=0.01), clock_bound_s=1e-4,
+            lens_error=LensFault(focal=0.01, centre_px=10.0, k1=0.01), clock_bound_s=1e-4,
         )
         for k, centre in enumerate(centres)
     )  # fmt: skip
     waypoints = tuple((float(x), float(y), float(z)) for x, y, z in places)
-    drone = Object(waypoints_enu=waypoints, step_s=5.0)
+    drone = ObjectSpec(waypoints_enu=waypoints, step_s=5.0)
     return Simulation(seed=seed, object=(drone,), camera=cameras, duration_s=duration_s)
 
 

@@ -5,7 +5,7 @@
 One seeded scene is flown over and over, its time moved on each round, its track numbers new each round. Where one
 round ends and the next begins all objects jump, so that targets are lost and born all day. The cameras are as exact as
 the network says and nothing happens to them: every accusation is a false alarm, and every confirmed target far from
-all objects for longer than a second is a false one. Memory is the process's own, once a simulated hour.
+all objects for longer than a second is a false one. StoredState is the process's own, once a simulated hour.
 """
 
 import argparse
@@ -17,15 +17,15 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from calib.station.archive.memory import Memory
-from calib.station.calibration import reduced
 from calib.station.config import BaseConfig, CameraSection, SiteSection
-from calib.station.core import Station, Tick
-from calib.station.worker import Done, Solved
+from calib.station.core.calibration import reduced
+from calib.station.core.jobs import Solved, SolveResult
+from calib.station.core.station import Station, Tick
+from calib.station.core.stored_state import StoredState
 from edge.messages import camera_key, encode
-from tools.bench.station_messages import SITE, Sent, fix_message, lens_message, tracks_message
-from tools.bench.station_scenes import ORIGIN, T0_UNIX_NS, Scene, Spec, frames, make
 from tools.bench.station_tracking import Watch
+from tools.doubles.box_messages import SITE, Sent, fix_message, lens_message, tracks_message
+from tools.doubles.flight import ORIGIN, T0_UNIX_NS, Scene, Spec, frames, make
 
 ROUND_S = 300.0
 WARM_H = 1.0  # hours until the window is full and every buffer has its size
@@ -66,7 +66,7 @@ def play(spec: Spec, hours: float) -> Day:
     scene = make(spec)
     sections = [CameraSection(id=camera.id) for camera in scene.truth]
     config = BaseConfig(site=SiteSection(name=SITE, origin=ORIGIN, undulation_m=47.0), camera=sections)
-    day = Day(Station(config, {s.id: s for s in sections}, Memory()), scene)
+    day = Day(Station(config, {s.id: s for s in sections}, StoredState()), scene)
     day.station.adopt(scene.network)
     rounds, hour, watch = round(hours * 3600 / ROUND_S), -1, Watch(scene)
     for number, sent in stream(scene, rounds):
@@ -105,7 +105,7 @@ def _answer(day: Day, tick: Tick, at_s: float) -> None:
     day.accused += [(at_s, camera) for camera in day.station.calibration.suspects.keys() - named]
     if tick.job is not None:
         known = {camera.id for camera in tick.job.scene.cameras}
-        day.station.solved(Done(tick.job.number, Solved(reduced(day.scene.network, known), 0.1), None, 1.0))
+        day.station.solved(SolveResult(tick.job.number, Solved(reduced(day.scene.network, known), 0.1), None, 1.0))
 
 
 def resident_mb() -> float:

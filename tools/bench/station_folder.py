@@ -15,12 +15,12 @@ import numpy as np
 from calib.geodesy import enu_to_geodetic
 from calib.observations import Scene, SiteCamera
 from calib.station.archive import trackfolder
-from calib.station.archive.memory import Memory
 from calib.station.config import BaseConfig, CameraSection, SiteSection
-from calib.station.core import Station
+from calib.station.core.jobs import SolveJob, SolveResult
+from calib.station.core.station import Station
+from calib.station.core.stored_state import StoredState
 from calib.station.live_solver import solve_live
-from calib.station.worker import Done, Job
-from edge.errors import SkyfixError
+from edge.common.errors import SkyfixError
 from edge.messages import Detection, Lens, Tracks, camera_key, encode
 
 NS = 10**9
@@ -87,7 +87,7 @@ def station_for(scene: Scene) -> Station:
         place = (latitude, longitude, height)
         sections.append(CameraSection(id=camera.id, position=place, position_sigma=(east, north, up)))
     config = BaseConfig(site=SiteSection(name=scene.site, origin=scene.origin), camera=sections)
-    return Station(config, {section.id: section for section in sections}, Memory())
+    return Station(config, {section.id: section for section in sections}, StoredState())
 
 
 def play(scene: Scene, end_s: float, solve_s: float | None) -> np.ndarray:
@@ -122,12 +122,12 @@ def play(scene: Scene, end_s: float, solve_s: float | None) -> np.ndarray:
     return np.array(rows)
 
 
-def _solve(job: Job) -> Done:
+def _solve(job: SolveJob) -> SolveResult:
     began = time.monotonic()
     try:
-        return Done(job.number, solve_live(job.scene, job.start), None, time.monotonic() - began)
+        return SolveResult(job.number, solve_live(job.scene, job.start), None, time.monotonic() - began)
     except SkyfixError as error:
-        return Done(job.number, None, error, time.monotonic() - began)
+        return SolveResult(job.number, None, error, time.monotonic() - began)
 
 
 def yaw_aligned(live: np.ndarray, truth: np.ndarray) -> tuple[float, float, float]:

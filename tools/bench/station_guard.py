@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.guarding.monitor import Finding, Guard
-from calib.tracking.targets import Frame
-from tools.bench.station_scenes import T0_UNIX_NS, Scene, Spec, frames, make, perturbed
+from calib.observations import Frame
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make, perturbed
 
 CALL_NS = 100_000_000  # as the station's loop asks
 EVENT_S = 12.0

@@ -12,29 +12,29 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.station.archive.memory import Memory
 from calib.station.archive.recording import Recorder
 from calib.station.config import BaseConfig, CameraSection, EndpointSection, MavlinkSection, SiteSection
-from calib.station.core import Station
-from calib.station.mavlink.messages import Voice
-from calib.station.mavlink.port import Port
-from tools.bench.station_messages import SITE, Sent, messages
-from tools.bench.station_scenes import ORIGIN, Scene, Spec, make
+from calib.station.core.station import Station
+from calib.station.core.stored_state import StoredState
+from calib.station.outputs.mavlink.messages import Voice
+from calib.station.outputs.mavlink.port import MavlinkPort
+from tools.doubles.box_messages import SITE, Sent, messages
+from tools.doubles.flight import ORIGIN, Scene, Spec, make
 
 
 def station_for(scene: Scene) -> Station:
     """A calibrated station."""
     sections = [CameraSection(id=camera.id) for camera in scene.truth]
     site = SiteSection(name=SITE, origin=ORIGIN, undulation_m=47.0)
-    station = Station(BaseConfig(site=site, camera=sections), {s.id: s for s in sections}, Memory())
+    station = Station(BaseConfig(site=site, camera=sections), {s.id: s for s in sections}, StoredState())
     station.adopt(scene.network)
     return station
 
 
-def port() -> Port:
+def port() -> MavlinkPort:
     """Both profiles."""
     endpoint = EndpointSection(url="udp:127.0.0.1:9", profile=["gcs", "ecef"])
-    return Port(endpoint, MavlinkSection(), Voice(ORIGIN, 1, undulation_m=47.0), None)
+    return MavlinkPort(endpoint, MavlinkSection(), Voice(ORIGIN, 1, undulation_m=47.0), None)
 
 
 def run(scene: Scene, stream: Iterator[Sent], folder: Path) -> tuple[np.ndarray, int]:

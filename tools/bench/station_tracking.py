@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
-from calib.tracking.targets import Estimate, State, Tracker
-from tools.bench.station_scenes import T0_UNIX_NS, Scene, Spec, frames, make, seen
+from calib.tracking.targets import TargetEstimate, TargetState, Tracker
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make, seen
 
 CUT_M = 10.0
 SETTLED_S = 2.0
@@ -81,13 +81,13 @@ def run(scene: Scene, tally: Tally) -> None:
         watch.look(estimates, t_s)
         if t_s - last_nees_s >= APART_S:
             last_nees_s = t_s
-            tally.nees += [_nees(e, scene) for e in estimates if e.state is State.CONFIRMED]
+            tally.nees += [_nees(e, scene) for e in estimates if e.state is TargetState.CONFIRMED]
     tally.false_tracks += len(watch.false)
     tally.switches += watch.switches
     tally.scene_s += scene.spec.duration_s
 
 
-def _at(estimate: Estimate, t_unix_ns: int) -> np.ndarray:
+def _at(estimate: TargetEstimate, t_unix_ns: int) -> np.ndarray:
     return estimate.position_enu + estimate.velocity_enu * (t_unix_ns - estimate.t_unix_ns) * 1e-9
 
 
@@ -107,7 +107,7 @@ class Watch:
         self.false: set[int] = set()
         self.switches = 0
 
-    def look(self, estimates: list[Estimate], t_s: float) -> None:
+    def look(self, estimates: list[TargetEstimate], t_s: float) -> None:
         """Take all tracks at an instant."""
         for estimate in estimates:
             apart = np.linalg.norm(self._scene.positions(estimate.t_unix_ns) - estimate.position_enu, axis=1)
@@ -115,13 +115,13 @@ class Watch:
             if apart[nearest] < CUT_M / 2:
                 self.switches += self._owner.get(estimate.track, nearest) != nearest
                 self._owner[estimate.track] = nearest
-            if apart[nearest] < FALSE_M or estimate.state is State.COASTING:
+            if apart[nearest] < FALSE_M or estimate.state is TargetState.COASTING:
                 self._far_since.pop(estimate.track, None)
             elif t_s - self._far_since.setdefault(estimate.track, t_s) > FALSE_S:
                 self.false.add(estimate.track)
 
 
-def _nees(estimate: Estimate, scene: Scene) -> float:
+def _nees(estimate: TargetEstimate, scene: Scene) -> float:
     error = scene.positions(estimate.t_unix_ns) - estimate.position_enu
     error = error[np.linalg.norm(error, axis=1).argmin()]
     return float(error @ np.linalg.solve(estimate.covariance[:3, :3], error))

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from calib.solving.survey_check import NetworkCheck, check_survey
-from edge.gnss.averaging import Array
+from edge.common.arrays import Array
 
 SIGMA_RAY: Final = 1.0 / 1500.0  # a pixel at 1500 px focal length
 POINTS: Final = 600  # independent ones of a flight: what is left of thousands of correlated detections

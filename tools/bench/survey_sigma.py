@@ -8,8 +8,9 @@ import argparse
 import numpy as np
 
 from calib.survey import Antenna, Occupation, combine
-from edge.gnss.averaging import POLE_SIGMA_M, SERVICES, Array, StaticMean, average
-from tools.bench.gnss_simulator import rtk_error
+from edge.common.arrays import Array
+from edge.gnss.averaging import POLE_SIGMA_M, SERVICES, StaticMean, average
+from tools.doubles.receiver import rtk_error
 
 SERVICE = SERVICES["network-rtk"]
 ORIGIN = (48.0, 11.0, 500.0)

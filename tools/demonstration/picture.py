@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.geodesy import ecef_to_enu
+from calib.simulation.camera import TrueSighting
+from calib.simulation.description import CameraSpec
+from calib.simulation.simulation import Watched
 from calib.station.archive import recording
-from edge.errors import SkyfixError
-from edge.lens import Array
+from edge.common.arrays import Array
+from edge.common.errors import SkyfixError
 from edge.messages import Detection, Tracks, camera_of_key, decode
 from tools.demonstration.listener import Position
-from tools.scenes.camera import Sighting
-from tools.scenes.description import Camera
-from tools.scenes.simulation import Watched
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -48,7 +48,7 @@ def draw(watched: Watched, folder: Path, positions: Sequence[Position], start_un
     return folder / "picture.png"
 
 
-def _frames(path: Path, name: str, start_unix_ns: int, camera: Camera) -> Iterator[tuple[int, Detection]]:
+def _frames(path: Path, name: str, start_unix_ns: int, camera: CameraSpec) -> Iterator[tuple[int, Detection]]:
     """Frame numbers and detections of one camera in a recording."""
     for message in recording.read(path):
         if camera_of_key(message.key) == name and message.key.endswith("/tracks"):
@@ -57,7 +57,7 @@ def _frames(path: Path, name: str, start_unix_ns: int, camera: Camera) -> Iterat
             yield from ((round(t_s * camera.frame_rate_hz), d) for d in tracks.detections if d.status == "confirmed")
 
 
-def _largest(frames: Iterator[tuple[int, Detection]], sighting: Sighting) -> tuple[int, Detection]:
+def _largest(frames: Iterator[tuple[int, Detection]], sighting: TrueSighting) -> tuple[int, Detection]:
     """The frame, and the detection of the object in it, in which the object looks largest."""
     hits = [(number, d) for number, d in frames if np.hypot(*(sighting.pixels[number] - (d.u_px, d.v_px))) < HIT_PX]
     if not hits:

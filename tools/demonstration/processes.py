@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-from edge.errors import SkyfixError
+from edge.common.errors import SkyfixError
 
 STOP_S: Final = 5.0  # s: the programs promise three
 LAST_LINES: Final = 15  # of a log, shown when its program died

@@ -17,7 +17,7 @@ from typing import Final, Self
 import numpy as np
 
 from calib.geodesy import Origin, enu_to_geodetic
-from edge.lens import Array
+from edge.common.arrays import Array
 
 PERIOD_S: Final = 0.2  # a usual rate of RTK receivers
 SIGMA_M: Final = (0.005, 0.005, 0.010)  # a short baseline to a base station of one's own

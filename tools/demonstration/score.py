@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.geodesy import Origin, ecef_to_enu
-from edge.lens import Array
+from calib.simulation.flight import ObjectFlight
+from edge.common.arrays import Array
 from tools.demonstration.listener import Position
-from tools.scenes.flight import Flight
 
 PASS_M: Final = 1.0  # m RMSE: what the demo promises
 NOBODYS_M: Final = 10.0  # m: a track whose median is farther from every object follows none of them
@@ -45,7 +45,9 @@ class Score:
         return bool(self.objects) and self.objects[0].positions > 0 and self.objects[0].rmse_m <= PASS_M
 
 
-def errors_m(positions: Sequence[Position], flights: Sequence[Flight], start_unix_ns: int, origin: Origin) -> Array:
+def errors_m(
+    positions: Sequence[Position], flights: Sequence[ObjectFlight], start_unix_ns: int, origin: Origin
+) -> Array:
     """(N, objects) distance of each position from each object at the position's own time; inf where it did not fly."""
     enu = ecef_to_enu(np.array([position.ecef_m for position in positions], float).reshape(-1, 3), origin)
     t_s = np.array([position.time_ns - start_unix_ns for position in positions]) * 1e-9
@@ -53,7 +55,7 @@ def errors_m(positions: Sequence[Position], flights: Sequence[Flight], start_uni
     return np.asarray(np.nan_to_num(np.column_stack(distances), nan=np.inf))
 
 
-def score(positions: Sequence[Position], flights: Sequence[Flight], start_unix_ns: int, origin: Origin) -> Score:
+def score(positions: Sequence[Position], flights: Sequence[ObjectFlight], start_unix_ns: int, origin: Origin) -> Score:
     """Give every track to the object it was nearest to for most of its life, and measure.
 
     A track is scored whole: that it was wrong for a while counts against the object it follows.
@@ -99,7 +101,7 @@ def _owner(error: Array) -> int | None:
 
 
 def _object(
-    flight: Flight, positions: Sequence[Position], error: Array, rows: Array, start_unix_ns: int
+    flight: ObjectFlight, positions: Sequence[Position], error: Array, rows: Array, start_unix_ns: int
 ) -> ObjectScore:
     own = [position for position, mine in zip(positions, rows, strict=True) if mine]
     found = error[rows.astype(bool) & np.isfinite(error)]

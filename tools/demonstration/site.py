@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 import tomli_w
 
-from edge.lens import Array
+from calib.simulation.description import CameraSpec, Simulation
+from edge.common.arrays import Array
 from tools.demonstration.receivers import UNDULATION_M
-from tools.scenes.description import Camera, Simulation
 
 ANTENNA_ABOVE_LENS_M: Final = 0.12  # on the tripod's head
 FOCAL_SIGMA_PX: Final = 1.5  # what `edge-node lens` says after an ordinary session with a chessboard
@@ -34,7 +34,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
         return int(probe.getsockname()[1])
 
 
-def antenna_enu(camera: Camera) -> Array:
+def antenna_enu(camera: CameraSpec) -> Array:
     """(3,) where the RTK antenna of a tripod is."""
     east, north, up = camera.centre_enu
     return np.array([east, north, up + ANTENNA_ABOVE_LENS_M])
@@ -49,7 +49,7 @@ class Inputs:
     start_unix_ns: int
 
 
-def box(name: str, camera: Camera, inputs: Inputs, ports: Ports) -> str:
+def box(name: str, camera: CameraSpec, inputs: Inputs, ports: Ports) -> str:
     """edge.toml of one tripod of the site `name`; its video begins at the scene's start plus the camera's phase."""
     first_frame_unix_ns = inputs.start_unix_ns + round(camera.phase_s * 1e9)
     # A camera hands a frame over when its last row has been read, not when its first is exposed.

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from edge.errors import SkyfixError
+from edge.common.errors import SkyfixError
 from tools.paper import figures, tables
 from tools.paper.study import LEVELS, Level
 from tools.paper.trials import Outcome, study, workers

@@ -15,7 +15,8 @@ from calib.geometry.similarity import fit_similarity
 from calib.geometry.twoview import decompose, depths, essential_by_svd, triangulate
 from calib.observations import Scene
 from calib.solving.solve import SolveOptions, solve
-from edge.lens import Array, pixel_to_ray
+from edge.common.arrays import Array
+from edge.lens import pixel_to_ray
 from tools.paper.study import INTERVAL_S, SAMPLES, seen
 
 # Without any error a knot a sample lets the flight follow the true one, whose knots are elsewhere, to the last digit.

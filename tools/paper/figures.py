@@ -7,9 +7,9 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 
+from calib.simulation.flight import flight
 from tools.paper.study import INTERVAL_S, LEVELS, SAMPLES, simulation
 from tools.paper.trials import Outcome
-from tools.scenes.flight import flight
 
 AXES: Final = {"pixel error": "px", "scene scale": "times 100 m, with 3 px and 0.2 m", "position error": "m"}
 THEIRS, MINE, ASKED = "tab:red", "tab:blue", "black"

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 
 from calib.observations import Scene, SiteCamera
-from edge.lens import Array
-from tools.scenes.description import Camera, Object, Simulation
-from tools.scenes.simulation import Simulated, Watched, disturb, watch
+from calib.simulation.description import CameraSpec, ObjectSpec, Simulation
+from calib.simulation.simulation import Simulated, Watched, disturb, watch
+from edge.common.arrays import Array
 
 # fmt: off
 WAYPOINTS_ENU: Final = (
@@ -88,15 +88,15 @@ def simulation(level: Level, seed: int) -> Simulation:
     cameras = tuple(_camera(number, level) for number in range(3))
     waypoints = tuple((level.scale * x, level.scale * y, level.scale * z) for x, y, z in WAYPOINTS_ENU)
     step_s = INTERVAL_S * (SAMPLES - 1) / (len(WAYPOINTS_ENU) - 1) + MARGIN_S
-    flight = Object(waypoints_enu=waypoints, step_s=step_s)
+    flight = ObjectSpec(waypoints_enu=waypoints, step_s=step_s)
     return Simulation(name=level.name, seed=seed, object=(flight,), camera=cameras)
 
 
-def _camera(number: int, level: Level) -> Camera:
+def _camera(number: int, level: Level) -> CameraSpec:
     angle = 2 * np.pi * number / 3
     east, north = level.scale * RADIUS_M * np.cos(angle), level.scale * RADIUS_M * np.sin(angle)
     x, y, z = LOOK_AT_ENU
-    return Camera(
+    return CameraSpec(
         id=f"cam{number + 1}",
         centre_enu=(float(east), float(north), 0.0),
         look_at_enu=(level.scale * x, level.scale * y, level.scale * z),

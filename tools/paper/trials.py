@@ -13,7 +13,7 @@ from time import process_time
 import numpy as np
 
 from calib.errors import SkyfixError
-from edge.lens import Array
+from edge.common.arrays import Array
 from tools.paper.chains import EXACT, USUAL, classical, ours
 from tools.paper.study import Level, draw, truth_enu
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.network import Camera
-from edge.lens import Array
-from tools.scenes.description import Weather
+from calib.simulation.description import Weather
+from edge.common.arrays import Array
 
 Image = NDArray[np.uint8]
 Float32 = NDArray[np.float32]

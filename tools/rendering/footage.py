@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.network import Camera
-from edge.lens import Array
+from calib.simulation import description
+from calib.simulation.camera import TrueCamera, TrueSighting
+from calib.simulation.flight import ObjectFlight
+from calib.simulation.simulation import Watched
+from edge.common.arrays import Array
 from tools.rendering.backdrop import Backdrop, Float32, Image, backdrop
 from tools.rendering.silhouette import FLAP_PHASES, Drawn, draw, shape, steps_for
-from tools.scenes import description
-from tools.scenes.camera import Sighting, TrueCamera
-from tools.scenes.flight import Flight
-from tools.scenes.simulation import Watched
 
 FLAP_HZ = 5.0  # of a middling bird
 DARK_BGR = np.array([46.0, 44.0, 42.0])
@@ -73,7 +73,7 @@ class Look:
     outline is turned and sheared by. phase: (F,) of the wings.
     """
 
-    object: description.Object
+    object: description.ObjectSpec
     centre_px: Array
     motion_px: Array
     width_px: Array
@@ -86,7 +86,7 @@ def _standing(camera: TrueCamera) -> Camera:
     return Camera(camera.description.id, camera.lens, camera.R_cam_enu[0], camera.centre_enu[0])
 
 
-def _look(camera: TrueCamera, path: Flight, sighting: Sighting) -> Look:
+def _look(camera: TrueCamera, path: ObjectFlight, sighting: TrueSighting) -> Look:
     thing, t_s = path.object, sighting.t_s
     half = max(camera.description.exposure_s, SHORTEST_EXPOSURE_S) / 2
     before, after = (camera.project(path.position_enu(t_s + side), t_s + side)[0] for side in (-half, half))
@@ -103,7 +103,7 @@ def _look(camera: TrueCamera, path: Flight, sighting: Sighting) -> Look:
     )
 
 
-def _turned(camera: TrueCamera, path: Flight, t_s: Array, speed_px_s: Array) -> Array:
+def _turned(camera: TrueCamera, path: ObjectFlight, t_s: Array, speed_px_s: Array) -> Array:
     """(F, 2, 2): a multirotor leans into its motion, others face it, and the rolling shutter shears what moves."""
     sideways = np.nan_to_num(path.velocity_enu(t_s)) @ camera.R_cam_enu[0, 0]
     lean = np.radians(np.clip(LEAN_DEG_PER_M_S * sideways, -20, 20)) * (path.object.kind == "drone")

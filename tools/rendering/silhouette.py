@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.lens import Array
+from edge.common.arrays import Array
 
 MASTER_PX: Final = 512  # width of the drawing a shape is made from
 LEVELS: Final = 6  # halvings of it: down to 8 px, what a 2 px object needs

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import torch
 
-from edge.errors import SkyfixError
+from edge.common.errors import SkyfixError
 from tools.train.compose import Composer
 from tools.train.export import About, export
 from tools.train.footage import Material, read_clip, read_split

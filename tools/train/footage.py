@@ -19,7 +19,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from edge.errors import SourceError
+from edge.common.errors import SourceError
 from tools.train.patches import STACK_OFFSETS_S, Box, Cutout, Grey, Patch, lift
 
 PATCH_PX: Final = 160  # a 96 px crop and room to shift and zoom it

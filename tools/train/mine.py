@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from torch import Tensor
 
-from edge.errors import SkyfixError
+from edge.common.errors import SkyfixError
 from tools.train.compose import Composer
 from tools.train.loss import NOMINAL_LOG_SIZE, centres
 from tools.train.net import STRIDE, SkyNet, cells

@@ -12,10 +12,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from calib.simulation.description import CameraSpec, ObjectSpec, Simulation, Weather
+from calib.simulation.simulation import watch
 from tools.render import CODEC
 from tools.rendering.footage import Label, footage
-from tools.scenes.description import Camera, Object, Simulation, Weather
-from tools.scenes.simulation import watch
 from tools.train.footage import BACKGROUND_PX, PATCH_PX, Material
 from tools.train.patches import CLASSES, Box, Floats, Grey, Patch
 
@@ -44,14 +44,14 @@ def scene(seed: int, width_px: float, kind: str, size_px: tuple[int, int] = SIZE
     step = random.normal(0, 1, (5, 3)) * [1, 0.2, 0.6]
     path = np.cumsum(step / np.linalg.norm(step, axis=1, keepdims=True), axis=0)
     waypoints = centre + (path - path.mean(axis=0)) * speed_m_s * DURATION_S / 4
-    thing = Object(
+    thing = ObjectSpec(
         kind=kind,  # type: ignore[arg-type]
         waypoints_enu=tuple((float(e), float(n), float(u)) for e, n, u in waypoints),
         step_s=DURATION_S / 4,
         width_m=width_m,
         height_m=width_m * random.uniform(0.25, 0.5),
     )
-    camera = Camera(
+    camera = CameraSpec(
         id="camera",
         size_px=size_px,
         intrinsics=(FOCAL_PX, FOCAL_PX, size_px[0] / 2, size_px[1] / 2),

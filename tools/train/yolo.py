@@ -14,7 +14,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from edge.errors import SourceError
+from edge.common.errors import SourceError
 from tools.train.footage import Loose, Material, take
 from tools.train.patches import CLASSES, Grey
 

@@ -18,12 +18,12 @@ from typing import Final, NamedTuple
 import msgspec
 
 from calib.station.archive.ledger import Gap, Ledger, Ranges
-from edge.atomic import write_atomically
-from edge.errors import MessageError
+from edge.common.atomic import write_atomically
+from edge.common.errors import MessageError
+from edge.common.own_thread import OwnThread
 from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
 from edge.messages import Backlog, Inventory, Tracks, camera_key, camera_of_key, decode
-from edge.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 

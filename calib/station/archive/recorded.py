@@ -13,8 +13,8 @@ import numpy as np
 from calib.geodesy import Origin, geodetic_to_enu
 from calib.observations import Observations, Scene, SiteCamera
 from calib.station.archive import recording
-from edge.errors import ConfigError, MessageError
-from edge.lens import LensError, LensModel
+from edge.common.errors import ConfigError, LensError, MessageError
+from edge.lens import LensModel
 from edge.messages import Fix, Lens, Tracks, camera_of_key, decode
 
 log = logging.getLogger(__name__)

@@ -22,7 +22,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from edge import __version__
-from edge.errors import RecordingError
+from edge.common.errors import RecordingError
 from edge.messages import MESSAGES
 
 log = logging.getLogger(__name__)

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from calib.geodesy import Origin, enu_to_ecef
 from calib.observations import Observations, Scene, SiteCamera
 from calib.solving.solution import Trajectory
-from calib.station import sitefile
-from edge.atomic import write_atomically
-from edge.errors import ConfigError
-from edge.lens import Array
+from calib.station.archive import sitefile
+from edge.common.arrays import Array
+from edge.common.atomic import write_atomically
+from edge.common.errors import ConfigError
 from edge.messages import MAX_T_UNIX_NS, MIN_T_UNIX_NS
 
 log = logging.getLogger(__name__)

@@ -7,26 +7,15 @@ name of its own (DNS rebinding) or open a socket from its own page; so the names
 
 import hmac
 from http.cookies import CookieError, SimpleCookie
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Final
 from urllib.parse import parse_qs, urlsplit
 
-from edge.errors import ConfigError
+from edge.common.errors import ConfigError
+from edge.common.hosts import is_own
 
 COOKIE: Final = "skyfix"
 SHORTEST_TOKEN: Final = 16  # characters
-OWN_NAME: Final = "localhost"
-
-
-def is_own(host: str) -> bool:
-    """Whether an address is only reached from this machine."""
-    if host == OWN_NAME:
-        return True
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:  # some other name: 127.0.0.1.evil.example, for one
-        return False
 
 
 def read_token(file: Path) -> str:

@@ -18,7 +18,7 @@ POLICY: Final = (
 )
 
 
-class Guard:
+class RequestFilter:
     """Lets through what access.py allows; a token in the address becomes a cookie and leaves the address."""
 
     def __init__(self, app: Any, token: str) -> None:

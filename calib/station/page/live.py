@@ -12,8 +12,9 @@ import msgspec
 import numpy as np
 
 from calib.geodesy import Origin, R_ecef_enu, ecef_to_enu
-from calib.station.status import StationStatus
-from edge.lens import Array, LensModel, pixel_to_ray
+from calib.station.status.status import StationStatus
+from edge.common.arrays import Array
+from edge.lens import LensModel, pixel_to_ray
 from edge.messages import Health, NetworkCamera, NetworkMessage, Targets, Tracks
 
 TRAIL_S: Final = 60.0  # of a target's way that is drawn

@@ -22,8 +22,8 @@ import msgspec
 from calib.station.config import StatusSection
 from calib.station.page import wire
 from calib.station.page.access import read_token
-from calib.station.status import StationStatus, prometheus
-from edge.errors import ConfigError
+from calib.station.status.status import StationStatus, prometheus
+from edge.common.errors import ConfigError
 
 log = logging.getLogger(__name__)
 

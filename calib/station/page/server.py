@@ -23,11 +23,11 @@ from nicegui import ui
 from starlette.staticfiles import StaticFiles
 
 from calib.station.page import wire, words
-from calib.station.page.guard import Guard
+from calib.station.page.guard import RequestFilter
 from calib.station.page.live import Live
 from calib.station.page.past import Past, listing, named
-from calib.station.status import CameraStatus, StationStatus
-from edge.errors import SkyfixError
+from calib.station.status.status import CameraStatus, StationStatus
+from edge.common.errors import SkyfixError
 
 log = logging.getLogger(__name__)
 
@@ -111,7 +111,7 @@ def serve(page: Page, listener: socket.socket) -> None:
     _routes(app, page)
     _pages(page)
     ui.run_with(app, title="Skyfix", favicon="🛰", tailwind=False, show_welcome_message=False, reconnect_timeout=10)
-    asyncio.run(_serve(Guard(app, page.hello.token), page, listener))
+    asyncio.run(_serve(RequestFilter(app, page.hello.token), page, listener))
 
 
 async def _serve(app: Any, page: Page, listener: socket.socket) -> None:

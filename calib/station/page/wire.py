@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from edge.errors import MessageError
+from edge.common.errors import MessageError
 
 LARGEST: Final = 1 << 17  # bytes: a status of 32 cameras is 40 kB, a preview 60 kB
 BUFFER: Final = 1 << 20  # bytes: a second of everything

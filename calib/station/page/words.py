@@ -8,8 +8,8 @@ from html import escape
 from typing import Final
 from urllib.parse import quote
 
-from calib.station.page.steps import Step, next_step, steps
-from calib.station.status import CameraStatus, PairStatus, StationStatus
+from calib.station.page.steps import ChecklistStep, next_step, steps
+from calib.station.status.status import CameraStatus, PairStatus, StationStatus
 from edge.messages import Health
 
 WORDS: Final = {"ok": "good", "warn": "look", "fail": "wrong"}
@@ -38,7 +38,7 @@ def step_list(status: StationStatus) -> str:
     return f'<ol class="steps">{items}</ol>'
 
 
-def _step(number: int, step: Step, is_next: bool) -> str:
+def _step(number: int, step: ChecklistStep, is_next: bool) -> str:
     action = f'<p class="do">{escape(step.action)}</p>' if step.action and step.level != "ok" else ""
     current = ' aria-current="step"' if is_next else ""
     return (

@@ -22,7 +22,7 @@ from calib.station.report.summary import (
     predicted,
     survey_summary,
 )
-from edge.atomic import write_atomically
+from edge.common.atomic import write_atomically
 
 __all__ = ["HTML", "JSON", "Summary", "summarise", "to_html", "to_json", "write_report"]
 

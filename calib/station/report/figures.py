@@ -9,7 +9,8 @@ from calib.network import Camera
 from calib.solving.solution import Solution, Trajectory
 from calib.station.report.drawing import FAINT, INK, colour, draw
 from calib.station.report.summary import evidence_of, predict_around
-from edge.lens import Array, pixel_to_ray
+from edge.common.arrays import Array
+from edge.lens import pixel_to_ray
 
 DRAWN_ROWS: Final = 1500  # of a flight: as many as a screen has columns
 GAP_ROWS: Final = 3  # rows missing, beyond which a line is broken

@@ -7,14 +7,7 @@ advice is that mark's; only when none is left does the advice come from where th
 
 from typing import Final
 
-from calib.station.report.summary import (
-    CameraSummary,
-    FlightSummary,
-    Mark,
-    PairSummary,
-    Predicted,
-    SurveySummary,
-)
+from calib.station.report.summary import CameraSummary, FlightSummary, Mark, PairSummary, Predicted, SurveySummary
 
 GRADES: Final = "ABCDE"
 # Upper bounds of A, B, C, D. Two metres is what the live station refuses by default (calibration.max_sigma_m).

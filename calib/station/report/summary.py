@@ -11,9 +11,9 @@ import numpy as np
 
 from calib.errors import CalibrationError
 from calib.solving.evidence import Evidence, HeldOut
-from calib.solving.prediction import Prediction, directions, middle, predict
+from calib.solving.prediction import PredictedAccuracy, directions, middle, predict
 from calib.solving.solution import CameraReport, Solution
-from edge.lens import Array
+from edge.common.arrays import Array
 
 FORMAT: Final = 1  # of report.json; raised when a field changes its meaning
 DISTANCES_M: Final = (100.0, 300.0, 1000.0)
@@ -226,7 +226,7 @@ def _speed_m_s(solution: Solution) -> float:
     return float(np.median(hops[same] / seconds[same])) if same.any() else 0.0
 
 
-def predict_around(solution: Solution, distance_m: float) -> tuple[Array, Prediction]:
+def predict_around(solution: Solution, distance_m: float) -> tuple[Array, PredictedAccuracy]:
     """Directions (N, 3) from the middle of the cameras, and what is predicted at that distance along them."""
     cameras = solution.network.cameras
     sigma_px = np.array([camera.sigma_px for camera in solution.report.cameras])

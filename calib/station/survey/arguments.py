@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Final
 
+from calib.station.commands.arguments import add_config
 from calib.station.survey.edit import CSV_COLUMNS
 from edge.gnss.averaging import SERVICES
 
@@ -13,7 +14,8 @@ POINTS: Final = ("phase-centre", "ARP")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The actions of `base-station survey`. The caller adds --config."""
+    """The actions of `base-station survey`."""
+    add_config(parser)
     parser.add_argument("--file", type=Path, help=f"survey file (default: site.survey, or {DEFAULT_FILE} beside it)")
     actions = parser.add_subparsers(dest="action", metavar="ACTION")
     actions.add_parser("show", help="every position, how it is known, closures and tapes (the default)")

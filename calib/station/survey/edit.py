@@ -24,10 +24,10 @@ from calib.station.survey.store import (
     occupations_of,
 )
 from calib.survey import Closure, apart, loop_closure
-from edge.errors import ConfigError
-from edge.lens import Array
+from edge.common.arrays import Array
+from edge.common.errors import ConfigError
+from edge.common.settings import build
 from edge.messages import Fix
-from edge.settings import build
 
 LEAST_CAMERAS: Final = 3  # fewer say nothing about the survey: their shape is free
 LEAST_PRIOR_SIGMA_M: Final = 1e-3  # an entered sigma of zero would be an infinite weight

@@ -18,18 +18,18 @@ from calib.station.config import BaseConfig
 from calib.station.survey import edit
 from calib.station.survey.rover import occupy, wait_for_lost_fix
 from calib.station.survey.store import AntennaTable, OccupationTable, Survey, antenna_of, save_survey
+from edge.common.errors import ConfigError
+from edge.common.settings import build
 from edge.config import GnssConfig
-from edge.errors import ConfigError
 from edge.gnss.receiver import Receiver
 from edge.link.link import Link
 from edge.messages import Fix, camera_key, camera_of_key, decode
-from edge.settings import build
 
 Ask = Callable[[str], str]
 
 
 @dataclass(frozen=True)
-class Job:
+class SurveyJob:
     """One call of the command: its arguments, the station's configuration, the survey and where it is kept."""
 
     args: argparse.Namespace
@@ -39,14 +39,14 @@ class Job:
     ask: Ask = input
 
 
-def store(job: Job, survey: Survey) -> int:
+def store(job: SurveyJob, survey: Survey) -> int:
     save_survey(survey, job.path)
     print(edit.describe(survey))
     print(f"stored in {job.path}")
     return 0
 
 
-def configured(job: Job, camera: str) -> None:
+def configured(job: SurveyJob, camera: str) -> None:
     names = [each.id for each in job.config.camera]
     if camera not in names:
         raise ConfigError(
@@ -54,7 +54,7 @@ def configured(job: Job, camera: str) -> None:
         )
 
 
-def occupy_one(job: Job) -> int:
+def occupy_one(job: SurveyJob) -> int:
     configured(job, job.args.camera)
     antenna = _antenna(job)
     receiver = Receiver(_receiver_config(job))
@@ -66,7 +66,7 @@ def occupy_one(job: Job) -> int:
     return 0
 
 
-def rover_round(job: Job) -> int:
+def rover_round(job: SurveyJob) -> int:
     """The whole round: every camera in the order of the operator's choice, and back to the first."""
     antenna = _antenna(job)
     receiver = Receiver(_receiver_config(job))
@@ -87,7 +87,7 @@ def rover_round(job: Job) -> int:
     return 0 if closure and not closure[1].apart.too_far else 1
 
 
-def _choose(job: Job, first: str | None) -> str:
+def _choose(job: SurveyJob, first: str | None) -> str:
     """The next tripod's camera; empty when the operator is done."""
     names = [camera.id for camera in job.config.camera]
     done = [table.id for table in job.survey.camera]
@@ -99,7 +99,7 @@ def _choose(job: Job, first: str | None) -> str:
         print(f"{answer} is not configured; there are {', '.join(names)}")
 
 
-def _occupy_tripod(job: Job, receiver: Receiver, antenna: AntennaTable, camera: str) -> Survey:
+def _occupy_tripod(job: SurveyJob, receiver: Receiver, antenna: AntennaTable, camera: str) -> Survey:
     """Both occupations of one tripod, compared, accepted by the operator and stored."""
     first = _one_occupation(job, receiver, antenna, f"{camera}, first")
     survey = edit.add_occupation(job.survey, camera, first)
@@ -116,7 +116,7 @@ def _occupy_tripod(job: Job, receiver: Receiver, antenna: AntennaTable, camera: 
     return survey
 
 
-def _one_occupation(job: Job, receiver: Receiver, antenna: AntennaTable, what: str) -> OccupationTable:
+def _one_occupation(job: SurveyJob, receiver: Receiver, antenna: AntennaTable, what: str) -> OccupationTable:
     print(f"{what} occupation: keep the antenna still")
     occupation = occupy(receiver, job.args.seconds, antenna, unix_ns=time.time_ns, progress=_progress)
     print()
@@ -127,7 +127,7 @@ def _progress(line: str) -> None:
     print(f"\r\x1b[K{line}", end="", flush=True)
 
 
-def take_boxes(job: Job) -> int:
+def take_boxes(job: SurveyJob) -> int:
     """Workflow one: a receiver on each box, whose averages are taken over as they are."""
     survey = job.survey
     found: set[str] = set()
@@ -155,7 +155,7 @@ def take_boxes(job: Job) -> int:
     return store(job, survey)
 
 
-def _receiver_config(job: Job) -> GnssConfig:
+def _receiver_config(job: SurveyJob) -> GnssConfig:
     device = job.args.device or (job.config.receiver.device if job.config.receiver else None)
     if device is None:
         raise ConfigError("no receiver", where=str(job.args.config), action="give --device, or [receiver] device")
@@ -167,7 +167,7 @@ def _receiver_config(job: Job) -> GnssConfig:
     )
 
 
-def _antenna(job: Job) -> AntennaTable:
+def _antenna(job: SurveyJob) -> AntennaTable:
     """The antenna as given, asked for where it was not: no height and no reference point is ever assumed."""
     args = job.args
     above_m = args.above_lens

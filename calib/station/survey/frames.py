@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from edge.errors import ConfigError
-from edge.lens import Array
+from edge.common.arrays import Array
+from edge.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from pyproj import Transformer

@@ -11,14 +11,16 @@ from typing import Final
 
 from calib.errors import CalibrationError
 from calib.station.survey.store import AntennaTable, OccupationTable
-from edge.gnss.diagnosis import State
+from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.gates import Reason
 from edge.gnss.receiver import Receiver
 from edge.gnss.session import Surveyed, t_unix_ns
 
 NEWS_S: Final = 1.0  # the receiver publishes twice a second; without news the line is drawn again
 PATIENCE_S: Final = 600.0  # for a fix to come, or to be lost: longer and something is wrong
-GONE: Final = frozenset({State.ENDED, State.DENIED, State.BUSY})  # states that waiting does not mend
+GONE: Final = frozenset(
+    {ReceiverState.ENDED, ReceiverState.DENIED, ReceiverState.BUSY}
+)  # states that waiting does not mend
 
 Say = Callable[[str], None]
 

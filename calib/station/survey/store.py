@@ -18,11 +18,11 @@ from calib.errors import CalibrationError
 from calib.geodesy import Origin, enu_to_geodetic, geodetic_to_enu
 from calib.station.survey.frames import convert, frame_known
 from calib.survey import Antenna, Occupation, SurveyedPoint, absolute_sigma, combine
-from edge.atomic import write_atomically
-from edge.errors import ConfigError
-from edge.lens import Array
+from edge.common.arrays import Array
+from edge.common.atomic import write_atomically
+from edge.common.errors import ConfigError
+from edge.common.settings import load
 from edge.messages import Name, TimeNs
-from edge.settings import load
 
 # What the file begins with: TOML keeps no comment through a rewrite, so this one is written every time.
 HEADER: Final = "# Written by `base-station survey`. Raw coordinates are never changed; positions follow from them.\n\n"

@@ -7,19 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.adjustment.priors import (
-    FIXED,
-    CameraPrior,
-    camera_priors,
-    held,
-    moved,
-    time_reference,
-)
+from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, moved, time_reference
 from calib.adjustment.projection import CAMERA_SIZE, CENTRE, LENS, OFFSET, RATE, READOUT, ROTATION
 from calib.network import Camera
 from calib.observations import SiteCamera
+from calib.simulation.camera import rotation
 from edge.lens import LensModel
-from tools.scenes.camera import rotation
 
 LENS_MODEL = LensModel("radtan", (1000.0, 1000.0, 960.0, 540.0), (0.0,) * 4, (1920, 1080))
 

@@ -9,8 +9,8 @@ from calib.adjustment.priors import moved
 from calib.adjustment.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT, CameraData, Projected, project
 from calib.geometry.spline import Flight, evaluate
 from calib.network import Camera
+from calib.simulation.camera import rotation
 from edge.lens import LensModel
-from tools.scenes.camera import rotation
 
 LENSES = {
     "radtan": LensModel("radtan", (1000.0, 1010.0, 960.0, 540.0), (-0.2, 0.05, 1e-3, -5e-4, 0.01), (1920, 1080)),

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from calib.errors import CalibrationError
 from calib.geometry.similarity import Similarity, best_swap, fit_similarity, fit_with_up, rms, worst_point
-from tools.scenes.camera import rotation
+from calib.simulation.camera import rotation
 
 SIX = np.array([[0, 0, 0], [50, 4, 1], [20, 60, 0], [-40, 30, 2], [-30, -40, 1], [10, -70, 3]], float)
 vectors = st.tuples(*[st.floats(-3, 3)] * 3)

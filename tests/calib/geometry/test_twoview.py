@@ -14,7 +14,7 @@ from calib.geometry.twoview import (
     reprojection,
     triangulate,
 )
-from tools.scenes.camera import rotation
+from calib.simulation.camera import rotation
 
 POINTS = np.random.default_rng(7).uniform([-20, -15, 30], [20, 15, 90], (120, 3))
 R = rotation([0.1, -0.7, 0.05])

@@ -10,7 +10,7 @@ from calib.guarding import testimony
 from calib.guarding.monitor import Guard
 from calib.guarding.testimony import judge
 from tools.bench.station_guard import FAULTS, faulty_frames, watch
-from tools.bench.station_scenes import T0_UNIX_NS, Spec, frames, make
+from tools.doubles.flight import T0_UNIX_NS, Spec, frames, make
 
 SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=12.0)
 EVENT_S = 4.0

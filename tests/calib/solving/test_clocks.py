@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
+from calib.simulation.simulation import simulate
 from calib.solving.clocks import COARSE_STEP_S, FAR_S, FINE_STEP_S, NEAR_S, align, align_all
-from calib.solving.series import Track, split_tracks
+from calib.solving.series import TrackSeries, split_tracks
 from tests.calib.flights import site
-from tools.scenes.simulation import simulate
 
 # Steps of a hundredth: the nearest is at most half of one away; a track read between rows adds the noise's own part.
 ALIGNED_S = 1.5 * FINE_STEP_S
 
 
-def tracks(offsets_s: tuple[float, ...], **known: object) -> dict[str, list[Track]]:
+def tracks(offsets_s: tuple[float, ...], **known: object) -> dict[str, list[TrackSeries]]:
     """Tracks of cameras whose clocks are slow by so much."""
     simulated = simulate(site(offsets_s=offsets_s, **known))  # type: ignore[arg-type]
     scene, t_mid = simulated.scene, simulated.start_unix_ns + round(simulated.duration_s / 2 * 1e9)
@@ -62,8 +62,8 @@ def test_trusted_stamps_stand() -> None:
 def test_two_cameras_that_share_nothing_have_no_alignment() -> None:
     seen = tracks((0.0, 0.0, 0.0), noise_px=0.7)
     one = seen["cam1"][0]
-    early = Track(1, one.t_s[:200], one.rays[:200], one.row[:200])
-    late = Track(1, one.t_s[-200:], one.rays[-200:], one.row[-200:])
+    early = TrackSeries(1, one.t_s[:200], one.rays[:200], one.row[:200])
+    late = TrackSeries(1, one.t_s[-200:], one.rays[-200:], one.row[-200:])
     assert align([early], [late], NEAR_S) is None
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from calib.network import Network
 from calib.solving.continuity import in_time_of
-from tools.bench.station_scenes import Spec, make
+from tools.doubles.flight import Spec, make
 
 OLD = make(Spec(cameras=4, uavs=1, rate_hz=5.0, duration_s=1.0)).network
 NS = 10**9

@@ -7,7 +7,7 @@ import pytest
 
 from calib.network import POSE_SIZE
 from calib.tracking.pixelbias import bias_rad, with_bias
-from tools.bench.station_scenes import Spec, make
+from tools.doubles.flight import Spec, make
 
 NETWORK = make(Spec(cameras=3, uavs=1, rate_hz=5.0, duration_s=1.0)).network
 

@@ -10,18 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from calib.sighting import View
+from calib.observations import Frame
+from calib.sighting import CameraView
 from calib.tracking.association import assign
-from calib.tracking.belief import Beliefs, Evidence
+from calib.tracking.belief import AssociationEvidence, Beliefs
 from calib.tracking.filterbank import FilterBank, Look, Rays
 from calib.tracking.motion import Singer
-from calib.tracking.targets import Estimate, Frame, State, Tracker
-from tools.bench.station_scenes import T0_UNIX_NS, Scene, Spec, frames, make, perturbed, rotation
+from calib.tracking.targets import TargetEstimate, TargetState, Tracker
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make, perturbed, rotation
 
 SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=6.0)
 
 
-def track(scene: Scene, stream: Iterator[tuple[int, Frame]] | None = None) -> tuple[Tracker, list[Estimate]]:
+def track(scene: Scene, stream: Iterator[tuple[int, Frame]] | None = None) -> tuple[Tracker, list[TargetEstimate]]:
     """A tracker fed with a scene, and all it said on the way."""
     tracker, said = Tracker(scene.network), []
     for _, frame in stream or frames(scene):
@@ -31,7 +32,7 @@ def track(scene: Scene, stream: Iterator[tuple[int, Frame]] | None = None) -> tu
     return tracker, said
 
 
-def error_m(scene: Scene, estimate: Estimate) -> float:
+def error_m(scene: Scene, estimate: TargetEstimate) -> float:
     return float(np.linalg.norm(scene.positions(estimate.t_unix_ns) - estimate.position_enu, axis=1).min())
 
 
@@ -109,10 +110,10 @@ def test_a_target_nobody_sees_coasts_grows_unsure_and_is_lost_once() -> None:
         for e in tracker.estimates(float(t_s))[:1]:
             states.append(e.state)
             sigmas.append(float(np.trace(e.covariance[:3, :3])))
-    assert states[0] is State.CONFIRMED
-    assert states[-1] is State.COASTING
+    assert states[0] is TargetState.CONFIRMED
+    assert states[-1] is TargetState.COASTING
     assert sigmas[-1] > 10 * sigmas[0]
-    assert [e.state for e in lost] == [State.LOST] * 2
+    assert [e.state for e in lost] == [TargetState.LOST] * 2
     assert tracker.confirmed == 0
 
 
@@ -149,7 +150,7 @@ def test_a_new_network_moves_targets_with_it_and_loses_none() -> None:
     scene = make(replace(SPEC, sigma_attitude_rad=2e-3, duration_s=6.0, seed=3))
     true = replace(scene.network, cameras=scene.truth, covariance=scene.network.covariance * 1e-6)
     tracker = Tracker(scene.network)
-    before: list[Estimate] = []
+    before: list[TargetEstimate] = []
     for _, frame in frames(scene):
         if not before and frame.t_unix_ns > T0_UNIX_NS + 3e9:
             before = tracker.estimates(tracker.newest_s)
@@ -207,20 +208,20 @@ def test_motion_goes_there_and_back_and_in_two_steps_as_in_one(dt: float, tau: f
 def test_derivatives_of_a_sighting_are_those_of_finite_differences() -> None:
     camera, step = make(SPEC).truth[0], 1e-6
     points = np.array([[3.0, 2.0, 40.0], [-20.0, 15.0, 60.0]])
-    seen = View.of(camera).sight(points)
+    seen = CameraView.of(camera).sight(points)
     np.testing.assert_allclose(seen.pixels, camera.project(points), atol=1e-9)
     for k in range(3):
-        moved = View.of(camera).sight(points + np.eye(3)[k] * step).pixels
+        moved = CameraView.of(camera).sight(points + np.eye(3)[k] * step).pixels
         np.testing.assert_allclose((moved - seen.pixels) / step, seen.by_point[:, :, k], rtol=1e-4, atol=1e-4)
     for k in range(6):
-        moved = View.of(perturbed(camera, np.eye(6)[k] * step)).sight(points).pixels
+        moved = CameraView.of(perturbed(camera, np.eye(6)[k] * step)).sight(points).pixels
         np.testing.assert_allclose((moved - seen.pixels) / step, seen.by_pose[:, :, k], rtol=1e-3, atol=2e-3)
 
 
 def test_points_behind_a_camera_are_never_valid() -> None:
     camera = make(SPEC).truth[0]
     behind = camera.centre_enu - camera.R_cam_enu[2] * np.array([[10.0], [100.0]])
-    assert not View.of(camera).sight(behind).valid.any()
+    assert not CameraView.of(camera).sight(behind).valid.any()
 
 
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 5), columns=st.integers(1, 5))
@@ -239,7 +240,7 @@ def test_a_filter_that_only_predicts_stays_a_covariance() -> None:
     scene = make(SPEC)
     bank = FilterBank(scene.network, Singer())
     bank.add(np.r_[0, 0, 50, 3, 0, 0, 0, 0, 0].astype(float), np.eye(9), np.zeros((9, 24)), 0.0)
-    view = View.of(scene.network.cameras[0])
+    view = CameraView.of(scene.network.cameras[0])
     for k in range(1, 200):
         prediction = bank.predict(k / 30)
         seen = view.sight(prediction.state[:, :3])
@@ -265,7 +266,7 @@ def test_the_second_camera_that_finds_a_target_again_tells_where_it_is_and_how_s
         P[:3, :3] += 15.0**2 * np.outer(along, along)  # m: half a second of range unseen costs metres, two dozens
         off = rng.multivariate_normal(np.zeros(9), P)
         bank.add(np.r_[truth, np.zeros(6)] + off, P, np.zeros((9, 24)), 0.0)
-        prediction, view = bank.predict(0.0), View.of(cameras[1])
+        prediction, view = bank.predict(0.0), CameraView.of(cameras[1])
         pixel = cameras[1].project(truth[None]) + rng.normal(0, 0.5, (1, 2))
         rays = Rays(pixel, np.zeros(1), np.full(1, 0.5))
         bank.update(prediction, np.array([0]), Look(1, view, view.sight(prediction.state[:, :3]), rays))
@@ -293,7 +294,9 @@ def one_target(last_s: float) -> Beliefs:
     beliefs.add(1, 0.0, ((0, 5), (1, 5)))
     for t_s in np.arange(0.0, last_s, 1 / 30):
         for camera in (0, 1):
-            beliefs.hit(camera, np.array([0]), float(t_s), Evidence(np.array([5]), np.array([8.0]), np.array([2.0])))
+            beliefs.hit(
+                camera, np.array([0]), float(t_s), AssociationEvidence(np.array([5]), np.array([8.0]), np.array([2.0]))
+            )
     beliefs.confirm()
     assert beliefs.confirmed.all()
     return beliefs
@@ -303,7 +306,7 @@ def test_one_detection_where_a_target_was_last_seen_is_not_its_return_but_three_
     """A coasting target's gate is metres wide; sooner or later some clutter falls into it, which is worth little."""
     beliefs = one_target(1.0)
     beliefs.doubt(2.0)
-    weak = Evidence(np.array([9]), np.array([4.0]), np.array([2.0]))
+    weak = AssociationEvidence(np.array([9]), np.array([4.0]), np.array([2.0]))
     before_s = float(beliefs.last_s[0])
     beliefs.hit(0, np.array([0]), 2.0, weak)
     assert beliefs.last_s[0] == before_s
@@ -318,7 +321,9 @@ def test_a_target_that_many_frames_deny_is_not_kept_alive_by_a_hit_now_and_then(
     for k in range(60):
         beliefs.miss(1, np.array([0]), float(np.log(0.2)))
         if k % 10 == 0:
-            beliefs.hit(0, np.array([0]), 1.0 + k / 30, Evidence(np.array([5]), np.array([8.0]), np.array([2.0])))
+            beliefs.hit(
+                0, np.array([0]), 1.0 + k / 30, AssociationEvidence(np.array([5]), np.array([8.0]), np.array([2.0]))
+            )
     assert beliefs.last_s[0] < last_s + 1.1
 
 

@@ -1,0 +1,96 @@
+"""site.toml: the cameras of a site and what is known of them beforehand.
+
+The contract of DESIGN section 3, strictly read: a misspelt key would silently drop a position. What other programs may
+leave out has a default; what is unknown stays None, because "nothing is known" and "zero" are different statements.
+"""
+
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from calib.geodesy import Origin, geodetic_to_enu
+from calib.observations import SiteCamera
+from calib.station.config import Geodetic
+from edge.common import settings
+from edge.common.errors import ConfigError, LensError
+from edge.lens import LensModel
+from edge.messages import Name, SizePx
+
+Sigma = Annotated[float, Meta(gt=0, le=1000)]
+UNSTATED_SIGMA_M: Final = (0.05, 0.05, 0.1)  # a position without a sigma is taken for RTK through a network
+
+
+class _Site(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    name: Name
+    origin: Geodetic | None = None
+
+
+class _Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One [[camera]]. The last five keys are ours: a program that does not know them loses nothing it had."""
+
+    id: Name
+    size_px: SizePx
+    lens: Literal["radtan", "fisheye"]
+    intrinsics: tuple[float, float, float, float]
+    distortion: list[float]
+    position: Geodetic | None = None
+    position_sigma: tuple[Sigma, Sigma, Sigma] = UNSTATED_SIGMA_M
+    focal_sigma_px: Annotated[float, Meta(gt=0)] | None = None
+    clock_bound_s: Annotated[float, Meta(ge=0)] | None = None
+    readout_s: Annotated[float, Meta(ge=0, le=1)] | None = None
+    up_cam: tuple[float, float, float] | None = None
+    up_sigma_deg: Annotated[float, Meta(gt=0, le=45)] | None = None
+
+
+class SiteFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All of a site.toml."""
+
+    site: _Site
+    camera: Annotated[list[_Camera], Meta(min_length=1)]
+
+
+def load(path: Path) -> tuple[str, Origin, tuple[SiteCamera, ...]]:
+    """Name, origin and cameras of a site file. Raises ConfigError naming file, key and what is allowed there."""
+    file = settings.load(path, SiteFile)
+    names = [camera.id for camera in file.camera]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ConfigError(f"camera {twice[0]} is named twice", where=str(path), action="give each camera its own id")
+    origin = file.site.origin or _mean_position(file.camera)
+    return file.site.name, origin, tuple(_site_camera(camera, origin, path) for camera in file.camera)
+
+
+def _mean_position(cameras: list[_Camera]) -> Origin:
+    """The mean of the surveyed cameras; without any, a place on the equator that nothing will be drawn at."""
+    positions = [camera.position for camera in cameras if camera.position]
+    if not positions:
+        return (0.0, 0.0, 0.0)
+    lat, lon, height = np.mean(positions, axis=0).tolist()
+    return (lat, lon, height)
+
+
+def _site_camera(camera: _Camera, origin: Origin, path: Path) -> SiteCamera:
+    try:
+        lens = LensModel(
+            camera.lens,
+            camera.intrinsics,
+            tuple(camera.distortion),
+            camera.size_px,
+            focal_sigma_px=camera.focal_sigma_px,
+        )
+    except LensError as error:
+        raise ConfigError(error.what, where=f"{path}: camera {camera.id}", action=error.action) from error
+    up = np.array(camera.up_cam, float) if camera.up_cam else None
+    return SiteCamera(
+        id=camera.id,
+        lens=lens,
+        position_enu=geodetic_to_enu(np.array(camera.position), origin)[0] if camera.position else None,
+        position_covariance=np.diag(np.square(camera.position_sigma)) if camera.position else None,
+        clock_bound_s=camera.clock_bound_s,
+        readout_s=camera.readout_s,
+        up_cam=None if up is None else up / np.linalg.norm(up),
+        up_sigma_deg=camera.up_sigma_deg,
+    )

@@ -1,0 +1,220 @@
+"""A site's own certificate authority: one folder, four acts.
+
+The folder holds the power to make cameras: its key is 0600, stays on one machine, and nothing in the field needs it. A
+certificate's beginning is dated back to 2020, for a box without a battery wakes in the past and must still be let in;
+its end is real. Revoking takes a name off access.json, the list that whoever listens reads at start.
+"""
+
+import datetime as dt
+import ipaddress
+import re
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+import msgspec
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from edge.common.atomic import write_atomically
+from edge.common.errors import ConfigError
+from edge.link.access import Access, Subject, load_access
+
+NOT_BEFORE: Final = dt.datetime(2020, 1, 1, tzinfo=dt.UTC)  # before any box was built; see above
+AUTHORITY_DAYS: Final = 3650
+Role = Literal["camera", "station", "reader", "router"]
+_NAME: Final = re.compile(r"^[A-Za-z0-9_-]{1,64}$")
+
+
+class Issued(NamedTuple):
+    """What `issue` made: the folder to copy to the machine, and until when it is good."""
+
+    folder: Path
+    not_after: dt.datetime
+
+
+class Authority:
+    """An authority's folder: authority.pem, authority.key, access.json and issued/<name>/."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises ConfigError if there is no authority in the folder."""
+        self.folder = folder
+        try:
+            self._certificate = x509.load_pem_x509_certificate((folder / "authority.pem").read_bytes())
+            key = serialization.load_pem_private_key((folder / "authority.key").read_bytes(), password=None)
+        except (OSError, ValueError) as error:
+            raise ConfigError(
+                f"there is no certificate authority ({error})",
+                where=str(folder),
+                action="make one with `base-station certs init SITE`, or give its folder with --folder",
+            ) from error
+        if not isinstance(key, ec.EllipticCurvePrivateKey):
+            raise ConfigError(
+                "not a key of ours", where=str(folder / "authority.key"), action="restore it from a backup"
+            )
+        self._key = key
+
+    @classmethod
+    def create(cls, folder: Path, site: str, now: dt.datetime) -> "Authority":
+        """A new authority for a site. Raises ConfigError if the folder has one already: its certificates would die."""
+        if (folder / "authority.key").exists():
+            raise ConfigError(
+                "there is an authority already", where=str(folder), action="use it, or give another --folder"
+            )
+        _checked(site)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        key = ec.generate_private_key(ec.SECP256R1())
+        name = _named(f"{site} authority")
+        certificate = (
+            _builder(name, name, key, now + dt.timedelta(days=AUTHORITY_DAYS))
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(_usage(signs_certificates=True), critical=True)
+            .sign(key, hashes.SHA256())
+        )
+        write_atomically(folder / "access.json", _encoded(Access(site=site, subjects=())))
+        write_atomically(folder / "authority.pem", certificate.public_bytes(serialization.Encoding.PEM))
+        write_atomically(folder / "authority.key", _pem(key), mode=0o600)
+        return cls(folder)
+
+    @property
+    def access(self) -> Access:
+        """The list of valid certificates."""
+        return load_access(self.folder / "access.json")
+
+    def issue(
+        self,
+        name: str,
+        role: Role,
+        *,
+        cameras: tuple[str, ...],
+        addresses: tuple[str, ...],
+        days: int,
+        now: dt.datetime,
+        site: str | None = None,
+    ) -> Issued:
+        """Key and certificate for one machine, under issued/<name>, and its line in the list.
+
+        cameras: whom it speaks for (role camera; its own name if none is given). addresses: the host names and IP
+        addresses under which others dial it: a listener without them is refused by every box. site: where it belongs,
+        if one authority serves several sites; "*" for a headquarters that listens to all of them.
+        """
+        for text in (name, *cameras, "any" if site is None or site == "*" else site):
+            _checked(text)
+        not_after = now + dt.timedelta(days=days)
+        common_name = f"{self.access.site}.{name}"
+        speaks_for = (cameras or (name,)) if role == "camera" else ()
+        self._write(name, common_name, addresses, not_after)
+        self._list(
+            Subject(
+                common_name=common_name,
+                role=role,
+                site=site,
+                cameras=speaks_for,
+                not_after=not_after.isoformat("T", "minutes"),
+            )
+        )
+        return Issued(self.folder / "issued" / name, not_after)
+
+    def renew(self, name: str, *, days: int, now: dt.datetime) -> Issued:
+        """A new key and certificate with the same name, rights and addresses."""
+        subject = self._subject(name)
+        old = x509.load_pem_x509_certificate((self.folder / "issued" / name / "certificate.pem").read_bytes())
+        names = old.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        addresses = tuple(str(entry.value) for entry in names if str(entry.value) != subject.common_name)
+        return self.issue(
+            name, subject.role, cameras=subject.cameras, addresses=addresses, days=days, now=now, site=subject.site
+        )
+
+    def revoke(self, name: str) -> None:
+        """Take a name off the list. It takes effect where access.json is copied to and the listener restarts."""
+        self._subject(name)
+        access = self.access
+        left = tuple(subject for subject in access.subjects if subject.common_name != f"{access.site}.{name}")
+        write_atomically(self.folder / "access.json", _encoded(Access(site=access.site, subjects=left)))
+
+    def _subject(self, name: str) -> Subject:
+        access = self.access
+        for subject in access.subjects:
+            if subject.common_name == f"{access.site}.{name}":
+                return subject
+        known = ", ".join(subject.common_name.partition(".")[2] for subject in access.subjects) or "nobody"
+        raise ConfigError(f"{name} has no certificate here", where=str(self.folder), action=f"known are: {known}")
+
+    def _list(self, subject: Subject) -> None:
+        access = self.access
+        others = tuple(other for other in access.subjects if other.common_name != subject.common_name)
+        write_atomically(self.folder / "access.json", _encoded(Access(site=access.site, subjects=(*others, subject))))
+
+    def _write(self, name: str, common_name: str, addresses: tuple[str, ...], not_after: dt.datetime) -> None:
+        key = ec.generate_private_key(ec.SECP256R1())
+        names = [_address(address) for address in addresses] + [x509.DNSName(common_name)]
+        both = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
+        certificate = (
+            _builder(_named(common_name), self._certificate.subject, key, not_after)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(_usage(signs_certificates=False), critical=True)
+            .add_extension(x509.ExtendedKeyUsage(both), critical=False)
+            .add_extension(x509.SubjectAlternativeName(names), critical=False)
+            .sign(self._key, hashes.SHA256())
+        )
+        folder = self.folder / "issued" / name
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        # Text before the block is allowed in PEM: edge/link/health.py reads the date there without a parser.
+        heading = f"{common_name}\nexpires {not_after.isoformat('T', 'seconds')}\n".encode()
+        write_atomically(folder / "key.pem", _pem(key), mode=0o600)
+        write_atomically(folder / "certificate.pem", heading + certificate.public_bytes(serialization.Encoding.PEM))
+        write_atomically(folder / "authority.pem", self._certificate.public_bytes(serialization.Encoding.PEM))
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, not_after: dt.datetime
+) -> x509.CertificateBuilder:
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(NOT_BEFORE)
+        .not_valid_after(not_after)
+    )
+
+
+def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _named(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _address(text: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(text))
+    except ValueError:
+        return x509.DNSName(text)
+
+
+def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:
+    encoding, form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+    return key.private_bytes(encoding, form, serialization.NoEncryption())
+
+
+def _encoded(access: Access) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(access), indent=2) + b"\n"
+
+
+def _checked(name: str) -> None:
+    if not _NAME.match(name):
+        raise ConfigError(f"{name!r} is no name", where="certs", action="use letters, digits, _ and -, at most 64")

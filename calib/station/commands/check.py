@@ -1,0 +1,142 @@
+"""`base-station check`: the configuration as it is understood, and one line for each thing it depends on."""
+
+import argparse
+import datetime as dt
+import json
+import os
+import shutil
+import socket
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from calib.station.archive.state_store import StateStore
+from calib.station.commands.arguments import add_config, folder_of
+from calib.station.config import MIN_CAMERAS, BaseConfig, load
+from calib.station.core.positions import with_survey
+from calib.station.outputs.mavlink.broadcast import Broadcast
+from edge.common.errors import ConfigError
+from edge.link.health import check_security
+
+VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
+LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
+
+
+@dataclass(frozen=True)
+class Line:
+    """One dependency: PASS, WARN or FAIL, why, and what to do."""
+
+    verdict: str
+    name: str
+    reason: str
+    action: str = ""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `base-station check`."""
+    add_config(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write it out; 1 if something fails."""
+    config, folder = load(arguments.config), folder_of(arguments.config)
+    sys.stdout.write(json.dumps(msgspec.to_builtins(config), indent=2) + "\n")
+    lines = list(examine(config, folder))
+    for line in lines:
+        sys.stdout.write(LINE.format(line) + (f" -> {line.action}" if line.action else "") + "\n")
+    return int(any(line.verdict == "FAIL" for line in lines))
+
+
+def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
+    """All dependencies of a configuration."""
+    yield from _positions(config, folder)
+    yield _writable("state folder", folder / config.state_folder)
+    yield from _memory(config, folder)
+    if config.recording.folder is not None:
+        yield _disk(folder / config.recording.folder, config.recording.min_free_mb)
+    else:
+        yield Line("WARN", "recording", "off", "set [recording] folder to be able to solve again afterwards")
+    yield from _mavlink(config, folder)
+    security = check_security(config.link, dt.datetime.now(dt.UTC))
+    yield Line(VERDICTS[security.level], security.name, security.reason, security.action)
+    for endpoint in config.link.listen:
+        yield _listen(endpoint)
+    if config.status.port is not None:
+        yield _port("status page", config.status.host, config.status.port)
+
+
+def _positions(config: BaseConfig, folder: Path) -> Iterator[Line]:
+    try:
+        cameras = with_survey(config, folder)
+    except ConfigError as error:
+        yield Line("FAIL", "survey", f"{error.where}: {error.what}", error.action)
+        return
+    surveyed = [camera.id for camera in cameras.values() if camera.position is not None]
+    if len(surveyed) >= MIN_CAMERAS:
+        yield Line("PASS", "survey", f"{len(surveyed)} of {len(cameras)} cameras have a position")
+    else:
+        reason = f"{len(surveyed)} of {len(cameras)} cameras have a position; the others' boxes must send RTK fixes"
+        yield Line("WARN", "survey", reason, "base-station survey, or wait for the boxes")
+
+
+def _memory(config: BaseConfig, folder: Path) -> Iterator[Line]:
+    names = {camera.id for camera in config.camera}
+    network = StateStore(folder / config.state_folder).stored_network(names)
+    if network is None:
+        yield Line("PASS", "stored calibration", "none: the station calibrates from the first flight")
+    else:
+        yield Line("PASS", "stored calibration", f"{len(network.cameras)} cameras, {network.fingerprint}")
+
+
+def _mavlink(config: BaseConfig, folder: Path) -> Iterator[Line]:
+    if not config.mavlink.endpoint:
+        yield Line("WARN", "mavlink", "no endpoint: nothing is sent", "add [[mavlink.endpoint]]")
+    for endpoint in config.mavlink.endpoint:
+        one = msgspec.structs.replace(config.mavlink, endpoint=[endpoint])
+        try:
+            with Broadcast(msgspec.structs.replace(config, mavlink=one), folder, 1, 0, lambda _url, _frame: None):
+                yield Line("PASS", f"mavlink {endpoint.url}", "+".join(endpoint.profile))
+        except ConfigError as error:
+            yield Line("FAIL", f"mavlink {endpoint.url}", error.what, error.action)
+
+
+def _writable(name: str, folder: Path) -> Line:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return Line("PASS", name, str(folder))
+    except OSError as error:
+        return Line("FAIL", name, f"{folder}: {error.strerror}", "give this user the right to write there")
+
+
+def _disk(folder: Path, min_free_mb: int) -> Line:
+    line = _writable("recording", folder)
+    if line.verdict != "PASS":
+        return line
+    free_mb = shutil.disk_usage(folder).free // 10**6
+    if free_mb < min_free_mb:
+        return Line("FAIL", "recording", f"{free_mb} MB free in {folder}", f"free {min_free_mb} MB")
+    return Line("PASS", "recording", f"{free_mb} MB free in {folder}")
+
+
+def _listen(endpoint: str) -> Line:
+    place = endpoint.partition("/")[2].partition("#")[0]
+    host, _, port = place.rpartition(":")
+    return _port(f"link {endpoint}", host.strip("[]"), int(port))
+
+
+def _port(name: str, host: str, port: int) -> Line:
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        with socket.socket(family, socket.SOCK_STREAM) as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            trial.bind((host, port))
+    except OSError as error:
+        action = "end the program that holds it (is a base-station running?), or choose another"
+        return Line("FAIL", name, os.strerror(error.errno or 0), action)
+    return Line("PASS", name, f"{host}:{port} is free")

@@ -1,0 +1,263 @@
+"""What comes from the boxes, judged before anything is computed from it.
+
+The hazard is the message that is well formed and wrong: a clock years ahead, a lens file of another resolution, two
+boxes with one name, stamps that run backwards, a row that was interpolated and not seen. Each is refused, counted
+under a name of its own, and shown with what to do; nothing that comes here stops anything else.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from calib.observations import Frame
+from calib.station.core.sequence import Sequence
+from calib.station.core.stream_clock import AHEAD_S, NS, StreamClock
+from edge.common.errors import LensError, MessageError
+from edge.common.health import Check
+from edge.lens import LensModel
+from edge.messages import Fix, Health, Lens, Tracks, decode
+
+OUTSIDE: Final = 0.05  # of the image's size: a box may reach over the edge by so much, a pixel farther is absurd
+FAULT_SHOWN_NS: Final = 10 * NS  # arrival time a fault is shown after it was last seen
+PATIENCE_NS: Final = 10 * NS  # after the start, before a camera that was never heard of is an alarm
+# Why a message is not believed by its numbers alone: name, reason, action.
+DISBELIEVED: Final = {
+    "earlier": (
+        "twins",
+        "two boxes send under this name, or somebody repeats what it said in an earlier start",
+        "give each box its own camera id; if they have, its certificate is in wrong hands (base-station certs revoke)",
+    ),
+    "leapt": (
+        "leapt",
+        "its numbers leapt farther than a box can count",
+        "restart the box; if it goes on, somebody else sends under its name",
+    ),
+}
+FLOOD: Final = 60  # detections a frame, on average: more is a detector gone wild, not a sky full of objects
+
+
+@dataclass
+class CameraIntake:
+    """What is known of one camera from its own messages. Times are of the arrival clock unless they say unix."""
+
+    id: str
+    lens: LensModel | None = None
+    fix: Fix | None = None
+    health: Health | None = None
+    present: bool = False
+    size_px: tuple[int, int] | None = None
+    readout_s: float = 0.0
+    clock_bound_s: float | None = None
+    last_ns: int | None = None
+    last_stamp: int = 0
+    sequence: Sequence = field(default_factory=Sequence)
+    clock_sets: int = 0  # how often its time went back by more than a jitter
+    detections: float = 0.0  # a frame, smoothed
+    counters: Counter[str] = field(default_factory=Counter)
+    faults: dict[str, tuple[str, str, int]] = field(default_factory=dict)  # name: reason, action, when
+
+    def fault(self, name: str, reason: str, action: str, now_ns: int) -> None:
+        """Note what is wrong with this camera's messages."""
+        self.counters[name] += 1
+        self.faults[name] = (reason, action, now_ns)
+
+    def online(self, now_ns: int, stale_s: float) -> bool:
+        """Whether frames come."""
+        return self.last_ns is not None and now_ns - self.last_ns < stale_s * NS
+
+    @property
+    def epoch(self) -> int | None:
+        """Which start of the box is believed; None before the first message."""
+        return self.sequence.epoch
+
+    @property
+    def next_seq(self) -> int:
+        """The number expected next."""
+        return self.sequence.next_seq
+
+    @property
+    def flooded(self) -> bool:
+        """Whether its detector reports more than any sky holds."""
+        return self.detections > FLOOD
+
+
+class Intake:
+    """All cameras of a site, and the strangers that claim to be."""
+
+    def __init__(self, cameras: list[str], where: str = "base.toml") -> None:
+        self.cameras = {camera: CameraIntake(camera) for camera in cameras}
+        self.clock = StreamClock()
+        self.strangers: Counter[str] = Counter()
+        self._where = where
+        self._began_ns: int | None = None
+
+    def known(self, camera: str) -> CameraIntake | None:
+        """The camera of that name; a stranger is counted."""
+        found = self.cameras.get(camera)
+        if found is None and (camera in self.strangers or len(self.strangers) < 64):
+            self.strangers[camera] += 1
+        return found
+
+    def frame(self, camera: CameraIntake, payload: bytes, now_ns: int) -> Frame | None:
+        """A frame's measurements, or None if it is not to be believed."""
+        try:
+            tracks = decode(payload, Tracks, where=camera.id)
+        except MessageError as error:
+            camera.fault("undecodable", error.what, error.action, now_ns)
+            return None
+        if not self._believed(camera, tracks, now_ns):
+            return None
+        camera.last_ns, camera.last_stamp = now_ns, tracks.t_unix_ns
+        camera.size_px, camera.readout_s, camera.clock_bound_s = tracks.size_px, tracks.readout_s, tracks.clock_bound_s
+        camera.detections += (len(tracks.detections) - camera.detections) / 30
+        if camera.lens is not None and camera.lens.size_px != tracks.size_px:
+            fault = f"frames are {_size(tracks.size_px)}, the lens file is for {_size(camera.lens.size_px)}"
+            camera.fault("lens_size", fault, "give the box the lens file of this resolution", now_ns)
+            return None
+        return self._measurements(camera, tracks, now_ns)
+
+    def _believed(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> bool:
+        """Whether a message is this camera's next one; only then does anything that is known of the camera move."""
+        verdict = camera.sequence.judge(tracks.epoch, tracks.seq, now_ns)
+        if verdict == "repeated":
+            camera.counters["repeated"] += 1
+            return False
+        if verdict in ("earlier", "leapt"):
+            camera.fault(*DISBELIEVED[verdict], now_ns)
+            return False
+        if not (tracks.late or self._timely(camera, tracks.t_unix_ns, now_ns, behind_too=verdict == "start")):
+            return False
+        camera.counters["missed"] += camera.sequence.take(tracks.epoch, tracks.seq, now_ns)
+        if verdict == "start":
+            camera.counters["starts"] += 1
+            camera.clock_sets += tracks.t_unix_ns <= camera.last_stamp
+            camera.last_stamp = 0
+        if tracks.late:
+            camera.counters["late"] += 1  # recorded for `solve`; live, a past frame is past
+            return False
+        return self._onward(camera, tracks.t_unix_ns, now_ns)
+
+    def _timely(self, camera: CameraIntake, t_unix_ns: int, now_ns: int, *, behind_too: bool) -> bool:
+        """Whether a stamp goes with the other cameras'. behind_too: a start has no stamps of its own to go on from."""
+        ahead_s = self.clock.ahead_s(camera.id, t_unix_ns, now_ns)
+        off = ahead_s > AHEAD_S or (behind_too and ahead_s < -AHEAD_S)
+        if not off or self._online(now_ns, but=camera) < 2:
+            self.clock.hear(camera.id, t_unix_ns, now_ns)
+            return True
+        camera.last_ns = now_ns
+        if ahead_s > 0:
+            name, fault = "future", f"its times are {ahead_s:.1f} s in the future of the other cameras'"
+        else:
+            name, fault = "past", f"its times are {-ahead_s:.1f} s behind the other cameras'"
+        camera.fault(name, fault, "set the box's clock (chrony); its frames are left out", now_ns)
+        return False
+
+    def _online(self, now_ns: int, but: CameraIntake) -> int:
+        return sum(other.online(now_ns, 5.0) for other in self.cameras.values() if other is not but)
+
+    def _onward(self, camera: CameraIntake, t_unix_ns: int, now_ns: int) -> bool:
+        """Whether a camera's time goes on; set back by far, it goes on from there, and is counted."""
+        if t_unix_ns > camera.last_stamp:
+            return True
+        back_s = (camera.last_stamp - t_unix_ns) / NS
+        camera.fault("backwards", f"its time went back {back_s:.3f} s", "look at the box's clock (chrony)", now_ns)
+        if back_s < AHEAD_S:
+            return False
+        camera.clock_sets += 1  # the calibration will say by how much
+        return True
+
+    def _measurements(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> Frame:
+        seen = [d for d in tracks.detections if d.status == "confirmed"]
+        camera.counters["interpolated"] += len(tracks.detections) - len(seen)
+        pixels = np.array([(d.u_px, d.v_px) for d in seen], float).reshape(-1, 2)
+        label = np.array([d.track for d in seen], np.int64)
+        sigma_px = np.array([np.nan if d.sigma_px is None else d.sigma_px for d in seen], float)
+        margin = np.array(tracks.size_px) * OUTSIDE
+        sane = np.all((pixels >= -margin) & (pixels <= tracks.size_px + margin), axis=1)
+        if not sane.all():
+            u, v = pixels[~sane][0]
+            fault = f"pixel ({u:.0f}, {v:.0f}) lies outside its {_size(tracks.size_px)} image"
+            camera.fault(
+                "absurd_pixel", fault, "check the box's detector and resolution; such rows are dropped", now_ns
+            )
+            pixels, label, sigma_px = pixels[sane], label[sane], sigma_px[sane]
+        return Frame(camera.id, tracks.t_unix_ns, pixels, label, sigma_px)
+
+    def lens(self, camera: CameraIntake, payload: bytes, now_ns: int) -> bool:
+        """Take a lens; whether it is another than before."""
+        try:
+            message = decode(payload, Lens, where=camera.id)
+            lens = LensModel(
+                message.model,
+                message.intrinsics,
+                tuple(message.distortion),
+                message.size_px,
+                message.rms_px,
+                message.focal_sigma_px,
+            )
+        except (MessageError, LensError) as error:
+            camera.fault("lens", error.what, "check the box's lens file", now_ns)
+            return False
+        changed = camera.lens is not None and camera.lens != lens
+        camera.lens = lens
+        return changed
+
+    def fix(self, camera: CameraIntake, payload: bytes, now_ns: int) -> None:
+        """Take an antenna position. Only a fixed RTK solution (4) says where a tripod is."""
+        try:
+            fix = decode(payload, Fix, where=camera.id)
+        except MessageError as error:
+            camera.fault("undecodable", error.what, error.action, now_ns)
+            return
+        if fix.quality != 4:
+            fault = f"its receiver has quality {fix.quality}, not 4 (RTK fixed)"
+            camera.fault("fix_quality", fault, "wait for corrections, look at the antenna's sky", now_ns)
+            return
+        camera.fix = fix
+
+    def told(self, camera: CameraIntake, payload: bytes, now_ns: int) -> None:
+        """Take a box's own health."""
+        try:
+            camera.health = decode(payload, Health, where=camera.id)
+        except MessageError as error:
+            camera.fault("undecodable", error.what, error.action, now_ns)
+
+    def checks(self, now_ns: int, stale_s: float) -> list[Check]:
+        """How each camera's messages are, as of now."""
+        self._began_ns = now_ns if self._began_ns is None else self._began_ns
+        checks = [self._check(camera, now_ns, stale_s) for camera in self.cameras.values()]
+        for stranger, count in self.strangers.items():
+            reason = f"{count} messages from a camera that is not configured"
+            action = f'add [[camera]] id = "{stranger}" to {self._where}, or correct the box\'s camera id'
+            checks.append(Check(f"camera {stranger}", "warn", reason, action))
+        return checks
+
+    def _check(self, camera: CameraIntake, now_ns: int, stale_s: float) -> Check:
+        name = f"camera {camera.id}"
+        if not camera.online(now_ns, stale_s):
+            return self._silence(name, camera, now_ns)
+        recent = [(r, a) for r, a, when in camera.faults.values() if now_ns - when < FAULT_SHOWN_NS]
+        if recent:
+            return Check(name, "warn", *recent[-1])
+        if camera.lens is None:
+            return Check(name, "warn", "its lens is not known", "give the box a lens file (edge-node lens)")
+        if camera.flooded:
+            return Check(
+                name, "warn", f"{camera.detections:.0f} detections a frame", "look at its picture and detector"
+            )
+        return Check(name, "ok", "sends frames")
+
+    def _silence(self, name: str, camera: CameraIntake, now_ns: int) -> Check:
+        if camera.last_ns is not None:
+            silent_s = (now_ns - camera.last_ns) / NS
+            return Check(name, "fail", f"last frame {silent_s:.0f} s ago", "look at its box, camera and link")
+        if now_ns - (self._began_ns or now_ns) < PATIENCE_NS:
+            return Check(name, "ok", "not heard of yet")
+        there = "is there but sends no frames" if camera.present else "was never heard of"
+        return Check(name, "fail", there, "start its box, check its link and site name")
+
+
+def _size(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]}"

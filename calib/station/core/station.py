@@ -1,0 +1,391 @@
+"""The station itself: everything it decides, and no I/O. The loop around it is calib/station/commands/run.py.
+
+Messages come in by `handle`, with the key they came under and the instant of their arrival; targets go out of it at
+once. What needs no hurry is done by `tick`. Live and in a replay the same code runs: time is handed in, and "now" in
+the data is read from the data (core/stream_clock.py). Targets depend on the order of messages alone, never
+on how fast they came, so a recording played again gives the same targets.
+
+The hazard is sending what is not known. Rays are used only from cameras of a network in force that nothing speaks
+against, a frame that is late or refused moves nothing, and without a network nothing is sent at all.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from calib.guarding.monitor import DISCIPLINED_S, Guard
+from calib.network import Camera, Network
+from calib.observations import SiteCamera
+from calib.station.config import BaseConfig, CameraSection
+from calib.station.core.calibration import Calibration, Phase, Standing
+from calib.station.core.intake import CameraIntake, Intake
+from calib.station.core.jobs import SolveJob, SolveResult
+from calib.station.core.outgoing import Border, OutgoingTarget
+from calib.station.core.positions import Positions
+from calib.station.core.stored_state import StoredState
+from calib.station.core.window import Window
+from calib.tracking.targets import TargetState, Tracker, TrackerOptions
+from calib.tracking.tracklets import Limits
+from edge.common.arrays import Array
+from edge.common.health import Check, HealthLevel
+from edge.health import HealthBoard
+from edge.messages import Health, NetworkCamera, NetworkMessage, Targets, camera_of_key
+from edge.messages import Lens as LensMessage
+
+NS: Final = 10**9
+GUARD_NS: Final = NS // 80  # a piece of guarding: sixteen in a round of the guard's
+FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
+SLOW_NS: Final = NS  # health, network, plans
+UNDISCIPLINED_S: Final = 0.05  # s: a camera that says nothing of its clock wanders by so much between calibrations
+LEAST_SIGMA_PX: Final = 0.2  # of a detector that finds none: what an adjustment can tell from a flight's own freedom
+REMEMBERED: Final = 1000  # targets; more than ever fly at once
+IDLE_NS: Final = NS // 4  # without a frame for so long, time passes by the clock alone
+
+
+@dataclass(frozen=True)
+class Tick:
+    """What a tick brings: targets to send, messages to publish by topic, a job, words for the operator."""
+
+    targets: list[OutgoingTarget] = field(default_factory=list)
+    publish: list[tuple[str, msgspec.Struct]] = field(default_factory=list)
+    job: SolveJob | None = None
+    texts: list[tuple[str, str]] = field(default_factory=list)  # health level, sentence
+    slow: bool = False
+
+
+class Station:
+    """All that a station knows."""
+
+    def __init__(self, config: BaseConfig, cameras: dict[str, CameraSection], memory: StoredState) -> None:
+        self.config = config
+        names = list(cameras)
+        tracking = config.tracking
+        self.intake = Intake(names)
+        self.window = Window(names, config.calibration.window_rows, config.calibration.window_s)
+        self.positions = Positions(cameras, config.site.origin or (memory.network.origin if memory.network else None))
+        self.calibration = Calibration(config.calibration, names, config.site.name)
+        self.guard = Guard()
+        self._border = Border(names, tracking.min_cameras)
+        self._options = TrackerOptions(
+            reorder_horizon_s=tracking.reorder_horizon_s,
+            coast_s=tracking.coast_s,
+            limits=Limits(max_range_m=tracking.max_range_m, max_speed_m_s=tracking.max_speed_m_s),
+        )
+        self.tracker: Tracker | None = None
+        self._stored = memory.network
+        self._first_track = memory.first_track
+        self._board = HealthBoard(memory.epoch)
+        self.health: Health | None = None
+        self.standing = Standing(Phase.COLLECTING, "just started", "")
+        self.counters: Counter[str] = Counter()
+        self.extra_checks: list[Check] = []
+        self.muted: set[str] = set()  # cameras that the operator left out: recorded, and not used
+        self._busy = False
+        self._sigma_px: dict[str, float] = {}  # of each calibrated camera's pixels
+        self._starts: dict[str, int] = {}
+        self._said_s: dict[int, float] = {}
+        # A tenth early is not early: frames come at their own rate.
+        self._said_every_s = 0.9 / max((endpoint.rate_hz for endpoint in config.mavlink.endpoint), default=50.0)
+        self._fast_ns = self._slow_ns = self._frame_ns = self._guard_ns = 0
+        self._told: tuple[str, str] = ("", "")
+        self._levels: dict[str, str] = {}
+
+    # What comes in
+
+    def handle(self, key: str, payload: bytes, now_ns: int) -> list[OutgoingTarget]:
+        """Take one message; returns the targets it moved. now_ns: UTC of its arrival, by a clock that never steps."""
+        name, topic = camera_of_key(key), key.rpartition("/")[2]
+        camera = self.intake.known(name) if name is not None else None
+        if camera is None:
+            self.counters["strangers"] += 1
+            return []
+        self.counters[f"received_{topic}"] += 1
+        if topic == "tracks":
+            return self._frame(camera, payload, now_ns)
+        if topic == "lens":
+            if self.intake.lens(camera, payload, now_ns) and self.tracker is not None:
+                self._lens_changed(camera)
+        elif topic == "fix":
+            self.intake.fix(camera, payload, now_ns)
+        elif topic == "health":
+            self.intake.told(camera, payload, now_ns)
+        return []
+
+    def presence(self, camera_id: str, alive: bool) -> None:
+        """A box appeared or vanished."""
+        camera = self.intake.known(camera_id)
+        if camera is not None:
+            camera.present = alive
+
+    def _frame(self, camera: CameraIntake, payload: bytes, now_ns: int) -> list[OutgoingTarget]:
+        frame = self.intake.frame(camera, payload, now_ns)
+        if frame is None:
+            return []
+        if camera.id not in self.muted:
+            self.window.add(frame)
+            self.guard.observe(frame)
+        self._frame_ns = now_ns
+        if camera.id in self.muted:
+            return []
+        if self.tracker is None or camera.flooded or not self.calibration.trusts(camera.id):
+            return []
+        tracker = self.tracker
+        sigma_px = np.where(np.isnan(frame.sigma_px), self._sigma_px[camera.id], frame.sigma_px)
+        moved = tracker.observe(replace(frame, sigma_px=sigma_px))
+        lost = tracker.advance(tracker.newest_s)
+        due = {track for track in moved if self._due(track, tracker.newest_s)}
+        if not due and not lost:
+            return []
+        estimates = tracker.estimates(tracker.newest_s, due) + lost
+        return self._border.cross(estimates, tracker.network.origin)
+
+    def _due(self, track: int, newest_s: float) -> bool:
+        """Whether any endpoint wants this target again; saying it at every ray would cost more than tracking it."""
+        if 0.0 <= newest_s - self._said_s.get(track, -np.inf) < self._said_every_s:
+            return False
+        if len(self._said_s) > REMEMBERED:
+            self._said_s.clear()
+        self._said_s[track] = newest_s
+        return True
+
+    def _lens_changed(self, camera: CameraIntake) -> None:
+        if self.calibration.network is not None and self.calibration.network.camera(camera.id) is not None:
+            self._leave_out(camera.id, "its lens file was exchanged", None)
+
+    # What the solver brings
+
+    def solved(self, done: SolveResult) -> Network | None:
+        """Take a finished job; the network to be stored, if there is a new one."""
+        self._busy = False
+        network = self.calibration.take(done)
+        if network is not None:
+            self.adopt(network)
+        return network
+
+    def adopt(self, network: Network) -> None:
+        """Put a network in force, in whole."""
+        self.calibration.network = network
+        self.guard.trust(network)
+        self._sigma_px = {camera.id: self._found_sigma_px(camera) for camera in network.cameras}
+        if self.tracker is None:
+            self.tracker = Tracker(network, self._options, self._first_track)
+        else:
+            self.tracker.exchange(network)
+
+    def _found_sigma_px(self, camera: Camera) -> float:
+        """One sigma of a camera's pixels where a detection does not say its own: as the adjustment found it."""
+        found = camera.sigma_px
+        return self.config.tracking.sigma_px if found is None else max(found, LEAST_SIGMA_PX)
+
+    @property
+    def next_track(self) -> int:
+        """The next target's number."""
+        return self._first_track if self.tracker is None else self.tracker.next_track
+
+    # What time brings
+
+    def now_unix_ns(self, now_ns: int) -> int:
+        """The data's now; the arrival clock's until there is data."""
+        return self.intake.clock.now_unix_ns(now_ns) or now_ns
+
+    def tick(self, now_ns: int) -> Tick:
+        """What is due at now_ns; call it often."""
+        if now_ns - self._guard_ns >= GUARD_NS:
+            self._guard_ns = now_ns
+            self.guard.work(self.now_unix_ns(now_ns))
+        if now_ns - self._fast_ns < FAST_NS:
+            return Tick()
+        self._fast_ns = now_ns
+        now_unix_ns = self.now_unix_ns(now_ns)
+        targets = self._coast(now_ns, now_unix_ns)
+        self._watch(now_unix_ns)
+        publish: list[tuple[str, msgspec.Struct]] = []
+        message = self.targets(now_unix_ns)
+        if message is not None:
+            publish.append(("targets", message))
+        if now_ns - self._slow_ns < SLOW_NS:
+            return Tick(targets, publish)
+        self._slow_ns = now_ns
+        job = self._plan(now_unix_ns)
+        publish += [("network", self.network_message(now_unix_ns)), ("health", self._assess(now_ns, now_unix_ns))]
+        return Tick(targets, publish, job, self._news(), slow=True)
+
+    def _coast(self, now_ns: int, now_unix_ns: int) -> list[OutgoingTarget]:
+        """Targets nobody has just seen, and farewells while no frames come."""
+        tracker = self.tracker
+        if tracker is None:
+            return []
+        idle = now_ns - self._frame_ns > IDLE_NS
+        now_s = tracker.site_time_s(now_unix_ns) if idle else tracker.newest_s
+        if not np.isfinite(now_s):
+            return []
+        lost = tracker.advance(now_s) if idle else []
+        coasting = [e for e in tracker.estimates(now_s) if e.state is TargetState.COASTING]
+        return self._border.cross(coasting + lost, tracker.network.origin)
+
+    def _watch(self, now_unix_ns: int) -> None:
+        self._restarts(now_unix_ns)
+        for camera in self.intake.cameras.values():
+            bound_s = UNDISCIPLINED_S if camera.clock_bound_s is None else max(camera.clock_bound_s, DISCIPLINED_S)
+            self.guard.clock_sigma_s[camera.id] = bound_s
+        for finding in self.guard.findings(now_unix_ns):
+            if finding.camera in self.calibration.trusted:
+                self._leave_out(finding.camera, finding.reason, finding.since_unix_ns)
+        if self.calibration.network is not None and len(self.calibration.trusted) < 2:
+            self._drop("fewer than two cameras are left that nothing speaks against")
+        if self._stored is not None:
+            self._try_stored(now_unix_ns)
+
+    def _restarts(self, now_unix_ns: int) -> None:
+        """A box whose clock was set has two stretches of time; only the new one counts."""
+        for camera in self.intake.cameras.values():
+            if camera.clock_sets != self._starts.get(camera.id, 0):
+                self._starts[camera.id] = camera.clock_sets
+                self.window.cameras[camera.id].clear()
+                if camera.id in self.calibration.trusted:
+                    self._leave_out(camera.id, "its clock was set", now_unix_ns)
+
+    def _leave_out(self, camera: str, why: str, since_unix_ns: int | None) -> None:
+        self.calibration.suspect(camera, why)
+        self.guard.ignore(camera)
+        if since_unix_ns is not None:
+            self.window.cameras[camera].forget_before(since_unix_ns)
+        else:
+            self.window.cameras[camera].clear()
+
+    def _drop(self, why: str) -> None:
+        self._first_track = self.next_track
+        self._stored = self.calibration.network  # tried again as a stored one is: rays may agree after all
+        self.calibration.drop(why)
+        self.tracker = None
+        self.guard.forget()
+
+    def _try_stored(self, now_unix_ns: int) -> None:
+        """Believe the stored network once rays agree with it; forget it once they do not."""
+        assert self._stored is not None
+        if self.calibration.network is not None:
+            self._stored = None
+            return
+        verdict = self.guard.agrees(self._stored, now_unix_ns)
+        if verdict is True:
+            network, self._stored = self._stored, None
+            self.adopt(network)
+        elif verdict is False:
+            self._stored = None
+
+    def _plan(self, now_unix_ns: int) -> SolveJob | None:
+        self.window.expire(now_unix_ns)
+        self.positions.update(self.intake.cameras)
+        sites = self._sites()
+        job = None if self._busy else self.calibration.plan(self.window, sites, self.positions.origin, now_unix_ns)
+        self._busy = self._busy or job is not None
+        self.standing = self.calibration.standing(self.window, sites, self._busy)
+        if self._stored is not None and self.calibration.network is None:
+            action = "fly where two cameras see it: it is believed within two seconds"
+            self.standing = Standing(Phase.COLLECTING, "checking the stored calibration against what is seen", action)
+        return job
+
+    def _sites(self) -> dict[str, SiteCamera]:
+        found = {name: self.positions.site_camera(name, box) for name, box in self.intake.cameras.items()}
+        return {name: site for name, site in found.items() if site is not None}
+
+    # What is told
+
+    def current(self, now_unix_ns: int) -> list[OutgoingTarget]:
+        """All targets as of now, which is later than any of their last measurements."""
+        if self.tracker is None:
+            return []
+        now_s = min(self.tracker.site_time_s(now_unix_ns), self.tracker.newest_s + self._options.coast_s)
+        return self._border.cross(self.tracker.predicted(now_s), self.tracker.network.origin)
+
+    def targets(self, now_unix_ns: int) -> Targets | None:
+        """All targets as of now, as a message; None without a network."""
+        if self.tracker is None:
+            return None
+        sent = [target.message() for target in self.current(now_unix_ns)]
+        return Targets(t_unix_ns=now_unix_ns, targets=sent)
+
+    def network_message(self, now_unix_ns: int) -> NetworkMessage:
+        """State, reason, next action, and the network in force."""
+        network = self.calibration.network
+        standing = self.standing
+        if network is None:
+            return NetworkMessage(
+                t_unix_ns=now_unix_ns,
+                state=standing.phase.value,
+                reason=standing.reason,
+                action=standing.action,
+                origin=self.positions.origin,
+            )
+        return NetworkMessage(
+            t_unix_ns=now_unix_ns,
+            state=standing.phase.value,
+            reason=standing.reason,
+            action=standing.action,
+            origin=network.origin,
+            cameras=[_camera_message(network, camera.id) for camera in network.cameras],
+            rms_px=network.rms_px,
+        )
+
+    def _assess(self, now_ns: int, now_unix_ns: int) -> Health:
+        checks = self.intake.checks(now_ns, self.config.tracking.stale_s)
+        checks += [
+            Check(f"guard {camera}", "warn", why, "fly where it and two others see it")
+            for camera, why in self.calibration.suspects.items()
+        ]
+        level: HealthLevel = "ok" if self.standing.phase is Phase.CALIBRATED else "warn"
+        checks.append(Check("calibration", level, self.standing.reason, self.standing.action))
+        counters = dict(self.counters)
+        if self.tracker is not None:
+            counters |= {f"tracker_{name}": count for name, count in self.tracker.counters.items()}
+        counters["refused_targets"] = self._border.refused
+        self.health = self._board.update(now_unix_ns, checks + self.extra_checks, counters)
+        return self.health
+
+    def _news(self) -> list[tuple[str, str]]:
+        """What changed since the last time, in sentences."""
+        assert self.health is not None
+        texts: list[tuple[str, str]] = []
+        for item in self.health.items:
+            if self._levels.get(item.name, "ok") != item.level:
+                words = item.reason if item.level != "ok" else "well again"
+                texts.append((item.level, f"{item.name}: {words}"))
+        self._levels = {item.name: item.level for item in self.health.items}
+        if self.standing.phase.value != self._told[0]:
+            texts.insert(0, ("ok", f"{self.standing.phase.value}: {self.standing.reason}"))  # what matters most
+        self._told = (self.standing.phase.value, self.standing.reason)
+        return texts
+
+
+def _camera_message(network: Network, camera_id: str) -> NetworkCamera:
+    camera = network.camera(camera_id)
+    assert camera is not None
+    sigma = np.sqrt(np.maximum(np.diag(network.pose_covariance(camera_id)), 0.0))
+    lens = camera.lens
+    a, b, c, d, e, f, g, h, i = camera.R_cam_enu.ravel().tolist()
+    return NetworkCamera(
+        id=camera.id,
+        R_cam_enu=(a, b, c, d, e, f, g, h, i),
+        centre_enu=_triple(camera.centre_enu),
+        sigma_attitude_rad=_triple(sigma[:3]),
+        sigma_centre_m=_triple(sigma[3:]),
+        clock_offset_s=camera.clock_offset_s,
+        clock_rate=camera.clock_rate,
+        readout_s=camera.readout_s,
+        lens=LensMessage(
+            model=lens.model,
+            intrinsics=lens.intrinsics,
+            distortion=list(lens.distortion),
+            rms_px=lens.rms_px,
+            size_px=lens.size_px,
+            focal_sigma_px=lens.focal_sigma_px,
+        ),
+    )
+
+
+def _triple(vector: Array) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z

@@ -1,0 +1,101 @@
+"""The observations kept for calibrating: bounded, and thinned where they are old.
+
+The hazard is memory, and its cure: throwing the oldest away forgets the only time two cameras shared an object. So a
+full window loses every other row of its older half instead; the flight stays whole and gets sparser into the past.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.observations import Frame, Observations
+from edge.common.arrays import Array
+
+NS: Final = 10**9
+GROWTH: Final = 1.25  # of the limit, before it is thinned: thinning at every row would be slow
+
+
+class CameraWindow:
+    """One camera's rows: stamp, pixel, track number, sigma."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        room = int(limit * GROWTH) + 2000
+        self._t: NDArray[np.int64] = np.empty(room, np.int64)
+        self._row: Array = np.empty((room, 3))
+        self._label: NDArray[np.int64] = np.empty(room, np.int64)
+        self._count = 0
+        self.seconds: dict[int, int] = {}  # whole second: rows that were seen in it
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, frame: Frame) -> None:
+        """Take a frame's measurements."""
+        n = len(frame.pixels)
+        if n == 0:
+            return
+        if self._count + n > len(self._t):
+            self._thin()
+        at = slice(self._count, self._count + n)
+        self._t[at], self._label[at] = frame.t_unix_ns, frame.label
+        self._row[at, :2], self._row[at, 2] = frame.pixels, frame.sigma_px
+        self._count += n
+        second = frame.t_unix_ns // NS
+        self.seconds[second] = self.seconds.get(second, 0) + n
+
+    def forget_before(self, t_unix_ns: int) -> None:
+        """Drop what is older: out of the window, or from before the camera was moved."""
+        first = int(np.searchsorted(self._t[: self._count], t_unix_ns))
+        self._keep(np.arange(first, self._count))
+        self.seconds = {second: n for second, n in self.seconds.items() if second >= t_unix_ns // NS}
+
+    def clear(self) -> None:
+        """Drop everything."""
+        self._count, self.seconds = 0, {}
+
+    def _thin(self) -> None:
+        half = self._count // 2
+        # Whole frames go or stay: rows of one stamp belong together.
+        _, frame = np.unique(self._t[:half], return_inverse=True)
+        self._keep(np.concatenate([np.nonzero(frame % 2 == 0)[0], np.arange(half, self._count)]))
+
+    def _keep(self, which: NDArray[np.intp]) -> None:
+        for array in (self._t, self._label, self._row):
+            array[: len(which)] = array[: self._count][which]
+        self._count = len(which)
+
+    def observations(self) -> Observations:
+        """A copy of what is kept, at most the limit, in the calibration's terms."""
+        every = max(1, -(-self._count // self._limit))
+        at = slice(self._count % every, self._count, every)
+        sigma = self._row[at, 2]
+        return Observations(
+            self._t[at].copy(),
+            self._row[at, :2].copy(),
+            self._label[at].copy(),
+            None if np.isnan(sigma).any() else sigma.copy(),
+        )
+
+
+class Window:
+    """The windows of all cameras."""
+
+    def __init__(self, cameras: list[str], limit: int, window_s: float) -> None:
+        self.cameras = {camera: CameraWindow(limit) for camera in cameras}
+        self._window_ns = round(window_s * NS)
+
+    def add(self, frame: Frame) -> None:
+        """Take a frame's measurements."""
+        self.cameras[frame.camera].add(frame)
+
+    def expire(self, now_unix_ns: int) -> None:
+        """Drop what has left the window."""
+        for camera in self.cameras.values():
+            if camera.seconds and next(iter(camera.seconds)) < (now_unix_ns - self._window_ns) // NS - 5:
+                camera.forget_before(now_unix_ns - self._window_ns)
+
+    def shared_s(self, one: str, other: str) -> int:
+        """Seconds in which both cameras saw something: what tells their relative pose."""
+        return len(self.cameras[one].seconds.keys() & self.cameras[other].seconds.keys())

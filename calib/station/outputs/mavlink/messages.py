@@ -1,0 +1,173 @@
+"""What is said in MAVLink about targets and the station: which message, which field, which value when unknown.
+
+The hazard is the receiver. Ground-control programs ignore validity flags, draw heights as above sea level whatever the
+type says, take a message without coordinates for a refresh, and crash or wrap where a field overflows. So what cannot
+be said truly is not sent at all, and every number is brought into its field's range here, because pymavlink raises
+where C wraps. Sources per rule: MAVLink's common.xml, and what QGroundControl, Mission Planner and MAVProxy do with it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from pymavlink.dialects.v20 import common
+
+from calib.geodesy import Origin, enu_to_geodetic
+from calib.station.core.outgoing import UPPER, OutgoingTarget
+from calib.station.outputs.mavlink import dialect
+from calib.tracking.targets import TargetState
+
+COMPONENT_GCS: Final = common.MAV_COMP_ID_ADSB  # 156
+# ECEF from a component of its own: on a shared one, receivers that do not know the dialect report 66 % packet loss.
+COMPONENT_ECEF: Final = common.MAV_COMP_ID_USER1  # 25
+ICAO_BAND: Final = 0x3FFF  # unallocated by ICAO; MAVProxy draws this band as drones
+HEADING_FROM_M_S: Final = 1.0  # slower than that a course over ground is noise
+UINT32: Final = 0xFFFFFFFF  # time_boot_ms wraps after 49.7 days
+STATUS_BYTES: Final = 50  # of a STATUSTEXT chunk
+
+STATES: Final = {
+    TargetState.TENTATIVE: dialect.TRACK_STATE_TENTATIVE,
+    TargetState.CONFIRMED: dialect.TRACK_STATE_CONFIRMED,
+    TargetState.COASTING: dialect.TRACK_STATE_COASTING,
+    TargetState.LOST: dialect.TRACK_STATE_LOST,
+}
+
+for _id, _kind in dialect.mavlink_map.items():  # so that pymavlink's own parser and sender know our messages
+    common.mavlink_map.setdefault(_id, _kind)
+
+
+@dataclass(frozen=True)
+class Voice:
+    """What all messages of a station share. undulation_m: geoid above ellipsoid, None if no gcs endpoint needs it."""
+
+    origin: Origin
+    epoch: int
+    simulated: bool = False
+    undulation_m: float | None = None
+
+
+@dataclass(frozen=True)
+class TrackerStatus:
+    """The station's own health. Masks by the configuration's order; latency: 95th percentile, None if unknown."""
+
+    t_unix_ns: int
+    uptime_ms: int
+    configured: int
+    online: int
+    synced: int
+    calibrated: int
+    latency_ms: float | None
+    confirmed: int
+    tentative: int
+    system_status: int = common.MAV_STATE_BOOT
+
+
+def target_track_ecef(target: OutgoingTarget, voice: Voice, synced: bool) -> dialect.MAVLink_target_track_ecef_message:
+    """TARGET_TRACK_ECEF 45000."""
+    flags = dialect.TRACK_FLAGS_VELOCITY_VALID | dialect.TRACK_FLAGS_COV_VALID
+    flags |= dialect.TRACK_FLAGS_TIME_SYNCED if synced else 0
+    flags |= dialect.TRACK_FLAGS_DEGRADED if target.degraded else 0
+    flags |= dialect.TRACK_FLAGS_SIMULATED if voice.simulated else 0
+    return dialect.MAVLink_target_track_ecef_message(
+        time_usec=target.t_unix_ns // 1000,
+        pos=target.ecef_m.tolist(),
+        vel=target.velocity_ecef_m_s.tolist(),
+        cov=target.covariance[UPPER].tolist(),
+        gdop=math.nan,  # says less than the covariance, which is there
+        track_id=target.track & UINT32,
+        meas_age=_within(target.age_s * 1e3, 0, UINT32),
+        camera_mask=target.camera_mask,
+        epoch=voice.epoch & 0xFFFF,
+        flags=flags,
+        state=STATES[target.state],
+        camera_count=_within(len(target.cameras), 0, 255),
+        quality=_within(target.quality * 100, 0, 100),
+    )
+
+
+def adsb_vehicle(target: OutgoingTarget, voice: Voice) -> common.MAVLink_adsb_vehicle_message:
+    """ADSB_VEHICLE 246: position, course and height above sea level of somebody else's aircraft."""
+    assert voice.undulation_m is not None
+    latitude, longitude, height_m = enu_to_geodetic(target.position_enu[None], voice.origin)[0].tolist()
+    east, north, up = target.velocity_enu.tolist()
+    speed = math.hypot(east, north)
+    flags = common.ADSB_FLAGS_VALID_COORDS | common.ADSB_FLAGS_VALID_ALTITUDE | common.ADSB_FLAGS_VALID_VELOCITY
+    flags |= common.ADSB_FLAGS_VALID_CALLSIGN | common.ADSB_FLAGS_VERTICAL_VELOCITY_VALID
+    flags |= common.ADSB_FLAGS_VALID_HEADING if speed >= HEADING_FROM_M_S else 0
+    flags |= common.ADSB_FLAGS_SIMULATED if voice.simulated else 0
+    return common.MAVLink_adsb_vehicle_message(
+        ICAO_address=icao(target.track),
+        lat=round(latitude * 1e7),
+        lon=round(longitude * 1e7),
+        altitude_type=common.ADSB_ALTITUDE_TYPE_GEOMETRIC,
+        altitude=round((height_m - voice.undulation_m) * 1e3),
+        heading=round(math.degrees(math.atan2(east, north)) % 360 * 100) % 36000,
+        hor_velocity=_within(speed * 100, 0, 65535),
+        ver_velocity=_within(up * 100, -32767, 32767),
+        callsign=callsign(target.track),
+        emitter_type=common.ADSB_EMITTER_TYPE_UAV,
+        tslc=_within(math.floor(target.age_s), 0, 255),
+        flags=flags,
+        squawk=0,  # receivers read another as an obstacle's radius
+    )
+
+
+def icao(track: int) -> int:
+    """The address a track is drawn under: 1 to 0x3FFF, reused only after 16 383 others."""
+    return (track - 1) % ICAO_BAND + 1
+
+
+def callsign(track: int) -> bytes:
+    """Eight characters of its own for each track; equal ones make ground stations blink."""
+    return b"SKY%05d\0" % icao(track)
+
+
+def heartbeat(status: TrackerStatus) -> common.MAVLink_heartbeat_message:
+    """HEARTBEAT of a component that is no vehicle and no ground station."""
+    return common.MAVLink_heartbeat_message(
+        type=common.MAV_TYPE_ADSB,
+        autopilot=common.MAV_AUTOPILOT_INVALID,
+        base_mode=0,
+        custom_mode=0,
+        system_status=status.system_status,
+        mavlink_version=3,
+    )
+
+
+def system_time(status: TrackerStatus) -> common.MAVLink_system_time_message:
+    """SYSTEM_TIME: how our UTC and our boot time go together."""
+    return common.MAVLink_system_time_message(
+        time_unix_usec=status.t_unix_ns // 1000, time_boot_ms=status.uptime_ms & UINT32
+    )
+
+
+def tracker_status(status: TrackerStatus, voice: Voice) -> dialect.MAVLink_tracker_status_message:
+    """TRACKER_STATUS 45001."""
+    return dialect.MAVLink_tracker_status_message(
+        time_usec=status.t_unix_ns // 1000,
+        uptime_ms=status.uptime_ms & UINT32,
+        cameras_configured=status.configured,
+        cameras_online=status.online,
+        cameras_synced=status.synced,
+        cameras_calibrated=status.calibrated,
+        latency_ms=65535 if status.latency_ms is None else _within(status.latency_ms, 0, 65534),
+        epoch=voice.epoch & 0xFFFF,
+        tracks_confirmed=_within(status.confirmed, 0, 255),
+        tracks_tentative=_within(status.tentative, 0, 255),
+    )
+
+
+def status_texts(severity: int, text: str, number: int) -> list[common.MAVLink_statustext_message]:
+    """STATUSTEXT in as many chunks as it takes; `number` tells long texts apart."""
+    raw = text.encode("ascii", "replace")
+    chunks = [raw[k : k + STATUS_BYTES] for k in range(0, len(raw), STATUS_BYTES)] or [b""]
+    ident = 0 if len(chunks) == 1 else number % 65535 + 1
+    return [
+        common.MAVLink_statustext_message(severity, chunk.ljust(STATUS_BYTES, b"\0"), ident, k)
+        for k, chunk in enumerate(chunks[:8])
+    ]
+
+
+def _within(value: float, low: int, high: int) -> int:
+    return int(np.clip(round(value), low, high)) if math.isfinite(value) else high

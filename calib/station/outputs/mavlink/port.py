@@ -1,0 +1,238 @@
+"""One receiver of MAVLink: what it gets and when, and what it may ask. Pure: bytes in, bytes out, the time handed in.
+
+The hazards: a radio that drowns in full-rate tracks, an aircraft that stays on the map because its end was never said,
+and a command obeyed that nobody was entitled to give. So tracks are limited in rate per target, LOST is said three
+times and then nothing, and commands count only when signed, or from a system that the configuration lists; but every
+command addressed to us is answered, because senders repeat what is not.
+"""
+
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Final
+
+from pymavlink.dialects.v20 import common
+
+from calib.station.config import EndpointSection, MavlinkSection
+from calib.station.core.outgoing import OutgoingTarget
+from calib.station.outputs.mavlink import messages
+from calib.station.outputs.mavlink.codec import Codec, Streams
+from calib.station.outputs.mavlink.messages import COMPONENT_ECEF, COMPONENT_GCS, TrackerStatus, Voice
+from calib.tracking.targets import TargetState
+
+LOST_REPEATS: Final = 3  # UDP loses one in a hundred, hardly three in a row
+LOST_SPACING_NS: Final = 200_000_000
+TEXTS_A_SECOND: Final = 5  # STATUSTEXT: an operator reads no more, a radio carries no more
+MAX_INTERVAL_US: Final = 60_000_000
+NS: Final = 10**9
+
+# What a command asks for -> whether it is done; asked for: "calibrate".
+Wish = Callable[[str], bool]
+
+
+@dataclass
+class _Paced:
+    """When each target was last said, per message; and LOST messages still owed."""
+
+    last_ns: dict[int, int] = field(default_factory=dict)
+    interval_ns: int = 0
+
+    def due(self, track: int, now_ns: int) -> bool:
+        """Whether it is this target's turn; if so, its turn is over."""
+        # A tenth early is not early: frames come at their own rate, and 30.1 Hz must not become 15.
+        if now_ns - self.last_ns.get(track, -(2**62)) < self.interval_ns * 9 // 10:
+            return False
+        self.last_ns[track] = now_ns
+        return True
+
+
+@dataclass
+class _Farewell:
+    target: OutgoingTarget
+    left: int
+    next_ns: int
+
+
+class MavlinkPort:
+    """What one endpoint sends and answers."""
+
+    def __init__(
+        self,
+        endpoint: EndpointSection,
+        options: MavlinkSection,
+        voice: Voice,
+        key: bytes | None,
+        streams: Streams | None = None,
+    ) -> None:
+        """key: signs and verifies; None: neither. streams: what was heard under this key on any endpoint."""
+        self._endpoint, self._voice = endpoint, voice
+        profile = endpoint.profile
+        self._gcs = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id) if "gcs" in profile else None
+        self._ecef = Codec(options.system_id, COMPONENT_ECEF, key, endpoint.link_id) if "ecef" in profile else None
+        self._listener = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id, streams)
+        self._listener.signing.allow_unsigned_callback = lambda *_: True  # obeyed or not is decided per command
+        self._adsb = _Paced(interval_ns=round(NS / options.adsb_rate_hz))
+        self._tracks = _Paced(interval_ns=round(NS / endpoint.rate_hz))
+        self._farewells: list[_Farewell] = []
+        self._text_budget, self._texts = TEXTS_A_SECOND, 0
+        self._signed = key is not None
+        self._running: common.MAVLink_command_long_message | None = None
+        self.counters = Counter(sent=0, unsendable=0, commands_obeyed=0, commands_refused=0)
+
+    @property
+    def _codecs(self) -> list[Codec]:
+        return [codec for codec in (self._gcs, self._ecef) if codec is not None]
+
+    def move_to(self, voice: Voice) -> None:
+        """Speak of another origin."""
+        self._voice = voice
+
+    def refresh(self, now_unix_s: float, stored_ticks: int = 0) -> int:
+        """Bring signing times up to the clock; returns the newest, in ticks, to be stored."""
+        for codec in (*self._codecs, self._listener):
+            codec.refresh(now_unix_s, stored_ticks)
+        return max(int(codec.signing.timestamp) for codec in (*self._codecs, self._listener))
+
+    # Out
+
+    def targets(self, targets: Iterable[OutgoingTarget], now_ns: int, synced: bool) -> list[bytes]:
+        """Frames for targets that moved or coast, and first farewells of those that are lost."""
+        frames: list[bytes] = []
+        for target in targets:
+            if target.state is TargetState.LOST:
+                self._farewells.append(_Farewell(target, LOST_REPEATS, now_ns))
+                self._adsb.last_ns.pop(target.track, None)
+                self._tracks.last_ns.pop(target.track, None)
+                continue
+            if self._ecef is not None and self._tracks.due(target.track, now_ns):
+                frames += self._frame(self._ecef, messages.target_track_ecef, target, self._voice, synced)
+            if self._gcs is not None and self._adsb.due(target.track, now_ns):
+                frames += self._frame(self._gcs, messages.adsb_vehicle, target, self._voice)
+        return frames + self._say_farewell(now_ns, synced)
+
+    def _say_farewell(self, now_ns: int, synced: bool) -> list[bytes]:
+        frames: list[bytes] = []
+        for farewell in self._farewells:
+            if self._ecef is not None and now_ns >= farewell.next_ns:
+                frames += self._frame(self._ecef, messages.target_track_ecef, farewell.target, self._voice, synced)
+                farewell.left, farewell.next_ns = farewell.left - 1, now_ns + LOST_SPACING_NS
+        self._farewells = [f for f in self._farewells if f.left > 0 and self._ecef is not None]
+        return frames
+
+    def second(self, status: TrackerStatus, faulted: bool = False) -> list[bytes]:
+        """The frames of every second: heartbeats, times, the tracker's status. No heartbeat when faulted."""
+        self._text_budget = TEXTS_A_SECOND
+        frames: list[bytes] = []
+        for codec in self._codecs:
+            frames += [] if faulted else self._frame(codec, messages.heartbeat, status)
+            frames += self._frame(codec, messages.system_time, status)
+        if self._ecef is not None:
+            frames += self._frame(self._ecef, messages.tracker_status, status, self._voice)
+        return frames
+
+    def text(self, severity: int, text: str) -> list[bytes]:
+        """A state change in words, if there is room for it this second."""
+        codec = self._gcs or self._ecef
+        if codec is None or self._text_budget <= 0:
+            return []
+        self._text_budget -= 1
+        self._texts += 1
+        return [codec.encoded(message) for message in messages.status_texts(severity, text, self._texts)]
+
+    def _frame(self, codec: Codec, make: Callable[..., common.MAVLink_message], *said: object) -> list[bytes]:
+        """The frame, or nothing if a number does not fit its field: a bad target must not stop the others."""
+        try:
+            frame = codec.encoded(make(*said))
+        except (ValueError, OverflowError, struct.error):
+            self.counters["unsendable"] += 1
+            return []
+        self.counters["sent"] += 1
+        return [frame]
+
+    # In
+
+    def receive(self, data: bytes, now_unix_ns: int, wish: Wish) -> list[bytes]:
+        """Answers to what came. wish: called for a command that is obeyed; whether it can be done."""
+        replies: list[bytes] = []
+        for message in self._listener.received(data):
+            kind = message.get_type()
+            if kind == "TIMESYNC" and message.tc1 == 0:
+                reply = common.MAVLink_timesync_message(tc1=now_unix_ns, ts1=message.ts1)
+                replies += [codec.encoded(reply) for codec in self._codecs[:1]]
+            elif kind in {"COMMAND_LONG", "COMMAND_INT"}:
+                replies += self._command(message, wish)
+        return replies
+
+    def _command(self, message: common.MAVLink_command_long_message, wish: Wish) -> list[bytes]:
+        codec = self._addressed(message)
+        if codec is None:
+            return []
+        extra: list[bytes] = []
+        if not self._entitled(message):
+            result = common.MAV_RESULT_DENIED
+            self.counters[f"commands_{message.signature if self._signed else 'unlisted'}"] += 1
+        else:
+            result, extra = self._obey(codec, message, wish)
+        obeyed = result in {common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_IN_PROGRESS}
+        self.counters["commands_obeyed" if obeyed else "commands_refused"] += 1
+        return [self._acknowledge(codec, message, result), *extra]
+
+    def _addressed(self, message: common.MAVLink_command_long_message) -> Codec | None:
+        for codec in self._codecs:
+            if message.target_system == codec.srcSystem and message.target_component in {0, codec.srcComponent}:
+                return codec
+        return None
+
+    def _entitled(self, message: common.MAVLink_command_long_message) -> bool:
+        """Signed with our key, or from a system the configuration lists where no key is set."""
+        if self._signed:
+            return bool(message.signature == "good")
+        return message.get_srcSystem() in self._endpoint.commands_from
+
+    def _obey(self, codec: Codec, message: common.MAVLink_command_long_message, wish: Wish) -> tuple[int, list[bytes]]:
+        if message.command == common.MAV_CMD_PREFLIGHT_CALIBRATION:
+            if self._running is not None:
+                return common.MAV_RESULT_TEMPORARILY_REJECTED, []
+            if not wish("calibrate"):
+                return common.MAV_RESULT_TEMPORARILY_REJECTED, []
+            self._running = message
+            return common.MAV_RESULT_IN_PROGRESS, []
+        if message.command == common.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return self._set_interval(int(message.param1), float(message.param2)), []
+        if message.command == common.MAV_CMD_REQUEST_MESSAGE and int(message.param1) == 148:
+            return common.MAV_RESULT_ACCEPTED, [codec.encoded(_version())]
+        return common.MAV_RESULT_UNSUPPORTED, []
+
+    def _set_interval(self, message_id: int, interval_us: float) -> int:
+        paced = {246: self._adsb, 45000: self._tracks}.get(message_id)
+        if paced is None:
+            return int(common.MAV_RESULT_UNSUPPORTED)
+        if not 5_000 <= interval_us <= MAX_INTERVAL_US:  # 5 ms: 200 Hz
+            return int(common.MAV_RESULT_DENIED)
+        paced.interval_ns = round(interval_us * 1000)
+        return int(common.MAV_RESULT_ACCEPTED)
+
+    def finished(self, done: bool) -> list[bytes]:
+        """The final acknowledgement of a calibration that was asked for."""
+        if self._running is None:
+            return []
+        message, self._running = self._running, None
+        result = common.MAV_RESULT_ACCEPTED if done else common.MAV_RESULT_FAILED
+        codec = self._addressed(message)
+        return [] if codec is None else [self._acknowledge(codec, message, result)]
+
+    def _acknowledge(self, codec: Codec, message: common.MAVLink_command_long_message, result: int) -> bytes:
+        return codec.encoded(
+            common.MAVLink_command_ack_message(
+                command=message.command,
+                result=result,
+                target_system=message.get_srcSystem(),
+                target_component=message.get_srcComponent(),
+            )
+        )
+
+
+def _version() -> common.MAVLink_autopilot_version_message:
+    capabilities = common.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    return common.MAVLink_autopilot_version_message(capabilities, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)

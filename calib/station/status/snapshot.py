@@ -1,0 +1,127 @@
+"""The station's status, put together from its parts once a second."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from calib.geodesy import Origin, enu_to_geodetic
+from calib.station.core.calibration import Phase
+from calib.station.core.intake import CameraIntake
+from calib.station.core.outgoing import OutgoingTarget
+from calib.station.core.stream_clock import NS
+from calib.station.status.status import CameraStatus, PairStatus, StationStatus, TargetStatus
+from edge import __version__
+
+if TYPE_CHECKING:
+    from calib.station.runner import Runner
+
+UPPER: Final = np.triu_indices(3)  # of a covariance, as it is published
+
+
+def snapshot(runner: Runner, now_ns: int) -> StationStatus:
+    """How everything is at now_ns."""
+    station = runner.station
+    network, report = station.calibration.network, station.calibration.report
+    now_unix_ns = station.now_unix_ns(now_ns)
+    assert station.health is not None
+    standing = station.standing
+    return StationStatus(
+        site=runner.config.site.name,
+        version=__version__,
+        epoch=runner.epoch,
+        t_unix_ns=now_unix_ns,
+        uptime_s=(now_ns - runner.began_ns) / NS,
+        phase=standing.phase.value,
+        reason=standing.reason,
+        action=standing.action,
+        origin=station.positions.origin if network is None else network.origin,
+        network=None if network is None else network.fingerprint,
+        rms_px=None if network is None else network.rms_px,
+        sigma_m=None if report is None or standing.phase is Phase.COLLECTING else report.sigma_m,
+        solving=runner.worker.busy,
+        cameras=[_camera(runner, box, now_ns) for box in station.intake.cameras.values()],
+        pairs=[
+            PairStatus(
+                one=pair.one,
+                other=pair.other,
+                shared_s=pair.shared_s,
+                residual_mrad=station.guard.residual_mrad.get((pair.one, pair.other)),
+            )
+            for pair in station.calibration.pairs(station.window)
+        ],
+        targets=[] if network is None else _targets(station.current(now_unix_ns), network.origin),
+        tentative=0 if station.tracker is None else station.tracker.tentative,
+        latency_ms=_median_and_late(runner.latencies_ms),
+        endpoints=runner.broadcast.status,
+        recording=_recording(runner),
+        recording_folder=None if runner.recordings is None else str(runner.recordings),
+        free_mb=runner.free_mb,
+        health=station.health,
+        counters=dict(sorted(station.health.counters.items())) | runner.counters,
+    )
+
+
+def _camera(runner: Runner, box: CameraIntake, now_ns: int) -> CameraStatus:
+    station = runner.station
+    network = station.calibration.network
+    calibrated = None if network is None else network.camera(box.id)
+    place = station.positions.of(box.id, box)
+    item = next(item for item in station.health.items if item.name == f"camera {box.id}") if station.health else None
+    return CameraStatus(
+        id=box.id,
+        online=box.online(now_ns, runner.config.tracking.stale_s),
+        present=box.present,
+        last_frame_s=None if box.last_ns is None else (now_ns - box.last_ns) / NS,
+        detections_per_frame=box.detections,
+        clock_bound_s=box.clock_bound_s,
+        clock_offset_s=None if calibrated is None else calibrated.clock_offset_s,
+        surveyed=place is not None,
+        calibrated=box.id in station.calibration.trusted,
+        suspect=station.calibration.suspects.get(box.id, ""),
+        missed=box.counters["missed"],
+        reason="" if item is None else item.reason,
+        muted=box.id in station.muted,
+        centre_enu=None if place is None else _triple(place[0]),
+        counters=dict(box.counters),
+    )
+
+
+def _targets(targets: list[OutgoingTarget], origin: Origin) -> list[TargetStatus]:
+    positions_enu = np.array([target.position_enu for target in targets]).reshape(-1, 3)
+    places = enu_to_geodetic(positions_enu, origin).tolist()
+    return [_target(target, _triple(place)) for target, place in zip(targets, places, strict=True)]
+
+
+def _target(target: OutgoingTarget, geodetic: tuple[float, float, float]) -> TargetStatus:
+    return TargetStatus(
+        track=target.track,
+        state=target.state.value,
+        enu_m=_triple(target.position_enu),
+        velocity_enu_m_s=_triple(target.velocity_enu),
+        covariance_enu_m2=tuple(target.position_covariance_enu[UPPER].tolist()),
+        geodetic=geodetic,
+        cameras=list(target.cameras),
+        age_s=target.age_s,
+        sigma_m=target.sigma_m,
+    )
+
+
+def _triple(vector: np.ndarray | Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = map(float, vector)
+    return x, y, z
+
+
+def _median_and_late(latencies_ms: Collection[float]) -> tuple[float, float] | None:
+    if not latencies_ms:
+        return None
+    median, late = np.percentile(np.fromiter(latencies_ms, float), (50, 99))
+    return float(median), float(late)
+
+
+def _recording(runner: Runner) -> str | None:
+    if runner.recorder is None or runner.recorder.path is None or not runner.records:
+        return None
+    return str(runner.recorder.path)

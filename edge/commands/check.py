@@ -1,0 +1,142 @@
+"""Whether everything a camera box depends on is there: one finding each, with what to do.
+
+A box is set up by somebody in a hurry who will leave it alone for hours. So each thing is tried as it will be used: the
+camera gives a frame, the model judges it, the receiver's device opens, the base answers.
+"""
+
+import datetime as dt
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from edge.capture import is_lossless, open_source
+from edge.clock import ClockMonitor, check_clock
+from edge.common.errors import ConfigError, SkyfixError
+from edge.common.health import Check, HealthLevel
+from edge.config import BoxConfig, CameraConfig, load_lens
+from edge.detector import open_detector
+from edge.gnss.diagnosis import ReceiverState
+from edge.gnss.receiver import Receiver
+from edge.link.health import check_security
+from edge.link.link import Link
+from edge.messages import station_key
+from edge.pipeline import CameraFacts, Pipeline, total_bound_s
+from edge.temperature import check_temperature
+
+TRIED_FRAMES: Final = 10
+RECEIVER_S: Final = 5.0  # a receiver speaks once a second
+LINK_S: Final = 2.0  # opening and hearing of a station takes well under a second on any link that is fit for use
+
+
+def resolved(config: BoxConfig) -> str:
+    """The configuration as it will be used, defaults filled in."""
+    return msgspec.json.format(msgspec.json.encode(config), indent=2).decode()
+
+
+def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
+    """One finding for each thing the box depends on."""
+    yield Check("configuration", "ok", f"{config_file}: {len(config.camera)} cameras at site {config.site}")
+    clock = ClockMonitor(config.clock)
+    yield check_clock(clock.state(), config.clock.limit_s)
+    yield from check_temperature()
+    for camera in config.camera:
+        yield from check_camera(config, camera, config_file, clock)
+    if config.gnss:
+        yield check_receiver(Receiver(config.gnss))
+    if config.spool:
+        yield check_spool_folder(Path(config.spool.folder))
+    yield check_security(config.link, dt.datetime.now(dt.UTC))
+    yield check_link(config)
+
+
+def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock: ClockMonitor) -> Iterator[Check]:
+    """The camera's lens, its frames and their time, its detector and how long it takes."""
+    try:
+        lens = load_lens(camera, config_file)
+    except ConfigError as error:
+        yield failure(f"lens {camera.id}", error)
+        return
+    yield Check(
+        f"lens {camera.id}", "ok", f"{lens.model}, focal length {lens.intrinsics[0]:.1f} px, rms {lens.rms_px} px"
+    )
+    stop = threading.Event()
+    try:
+        detector = open_detector(box.detector_of(camera), background=not is_lossless(camera))
+        facts = CameraFacts(camera.id, lens, camera.readout_s, box.gate_of(camera), epoch=0)
+        pipeline = Pipeline(facts, detector, clock.bound_s)
+        source = open_source(camera, colour=detector.colour, stop=stop, unix_ns=clock.unix_ns)
+    except SkyfixError as error:
+        yield failure(f"camera {camera.id}", error)
+        return
+    try:
+        spent_s: list[float] = []
+        frame = None
+        while len(spent_s) < TRIED_FRAMES and (frame := source.read()) is not None:
+            began_s = time.perf_counter()
+            pipeline.step(frame)
+            spent_s.append(time.perf_counter() - began_s)
+            last = frame
+        if not spent_s:
+            yield Check(f"camera {camera.id}", "fail", f"{camera.source.path} holds no frame", "play it to check it")
+            return
+        bound_s = total_bound_s(last, clock.bound_s())
+        told = "unknown" if bound_s is None else f"{bound_s * 1e3:.3g} ms"
+        level: HealthLevel = "warn" if bound_s is None or last.time_source == "arrival" else "ok"
+        action = "expect a worse position, or give it a better source of time" if level == "warn" else ""
+        size = f"{last.size_px[0]} x {last.size_px[1]}"
+        reason = f"{size} frames, timed by {last.time_source}, uncertain by {told}"
+        yield Check(f"camera {camera.id}", level, reason, action)
+        yield Check(f"detector {camera.id}", "ok", f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame")
+    except SkyfixError as error:
+        yield failure(f"camera {camera.id}", error)
+    finally:
+        stop.set()
+        source.close()
+        detector.close()
+
+
+def check_receiver(receiver: Receiver) -> Check:
+    """What the receiver says within a few seconds."""
+    receiver.start()
+    deadline = time.monotonic() + RECEIVER_S
+    waiting = threading.Event()
+    while receiver.status().state is ReceiverState.STARTING and time.monotonic() < deadline:
+        waiting.wait(0.1)
+    status = receiver.status()
+    receiver.stop()
+    return Check("gnss", status.level, f"{status.state}: {status.reason}", status.action)
+
+
+def check_spool_folder(folder: Path) -> Check:
+    """Whether what is seen can be kept."""
+    probe = folder / ".writable"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        return Check(
+            "spool", "fail", f"{folder} cannot be written to ({error})", "create it for this user, or name another"
+        )
+    return Check("spool", "ok", f"{folder} can be written to")
+
+
+def check_link(config: BoxConfig) -> Check:
+    """Whether a Zenoh session opens and a base station is there."""
+    with Link(config.link, name="check") as link:
+        presence = link.watch_presence(station_key(config.site))
+        if not link.wait_open(LINK_S):
+            return Check("link", "fail", link.error or "no session within 2 s", "check link.connect and the network")
+        if presence.get(LINK_S) is None:
+            action = "start it; observations are kept meanwhile" if config.spool else "start it"
+            return Check("link", "warn", f"no base station of site {config.site} answers", action)
+    return Check("link", "ok", "the base station answers")
+
+
+def failure(name: str, error: SkyfixError) -> Check:
+    """An error as a finding."""
+    return Check(name, "fail", f"{error.where}: {error.what}", error.action)

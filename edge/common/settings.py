@@ -1,0 +1,202 @@
+"""Reading a configuration file: TOML in, frozen typed structs out, and every fault named.
+
+The hazard is the silent default. A misspelt key that is ignored leaves the operator sure of a setting that was never
+made, and a number in the wrong unit is found on a mountain. So an unknown key, a wrong type and a value out of range
+are all refused, with the file, the key, what is allowed there and, for a misspelling, the key that was probably meant.
+"""
+
+import difflib
+import functools
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+from msgspec import inspect
+
+from edge.common.errors import ConfigError
+
+Settings = TypeVar("Settings", bound=msgspec.Struct)
+
+FIX_IT: Final = "correct it and start again"
+_UNKNOWN: Final = re.compile(r"unknown field `(?P<key>[^`]*)`")
+_MISSING: Final = re.compile(r"missing required field `(?P<key>[^`]*)`")
+_AT: Final = re.compile(r" - at `\$(?P<path>[^`]*)`$")
+_STEP: Final = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
+
+
+def load(path: Path | str, kind: type[Settings]) -> Settings:
+    """The settings in a TOML file. Raises ConfigError naming file, key, what is allowed and the nearest valid key."""
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"cannot be read ({error})", where=str(file), action="give the path of a readable TOML file"
+        ) from error
+    return parse(text, kind, where=str(file))
+
+
+def parse(text: str, kind: type[Settings], *, where: str) -> Settings:
+    """The settings in TOML text; `where` names its origin in errors. Raises ConfigError as `load` does."""
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"is not TOML ({error})", where=where, action=FIX_IT) from error
+    return build(tree, kind, where=where)
+
+
+def build(tree: dict[str, Any], kind: type[Settings], *, where: str) -> Settings:
+    """The settings in an already parsed tree. Raises ConfigError as `load` does."""
+    _refuse_non_finite(tree, where)
+    try:
+        return msgspec.convert(tree, kind)
+    except msgspec.ValidationError as error:
+        raise _explain(str(error), tree, kind, where) from error
+
+
+def _refuse_non_finite(node: object, where: str, key: str = "") -> None:
+    """TOML can say nan and inf, and a comparison against a range lets nan through."""
+    if isinstance(node, dict):
+        for name, value in node.items():
+            _refuse_non_finite(value, where, f"{key}.{name}".lstrip("."))
+    elif isinstance(node, list):
+        for index, value in enumerate(node):
+            _refuse_non_finite(value, where, f"{key}[{index}]")
+    elif isinstance(node, float) and not math.isfinite(node):
+        raise ConfigError(f"key {key} is {node}", where=where, action="give a finite number")
+
+
+def _explain(message: str, tree: dict[str, Any], kind: type[msgspec.Struct], where: str) -> ConfigError:
+    """Our own sentence for msgspec's: the key in full, what is allowed there, and the nearest valid key."""
+    at = _AT.search(message)
+    path = at["path"] if at else ""
+    said = _AT.sub("", message)
+    if unknown := _UNKNOWN.search(message):
+        return _unknown_key(unknown["key"], path, kind, where)
+    if missing := _MISSING.search(message):
+        key = _join(path, missing["key"])
+        allowed = describe(_type_at(kind, f"{path}.{missing['key']}"))
+        return ConfigError(f"key {key} is missing", where=where, action=f"add it: {allowed}")
+    key = path.lstrip(".") or "(the whole file)"
+    allowed = describe(_type_at(kind, path))
+    value = _value_at(tree, path)
+    fault = f"key {key} = {value!r} is not allowed ({said[:1].lower()}{said[1:]})"
+    return ConfigError(fault, where=where, action=f"give {allowed}")
+
+
+def _unknown_key(key: str, path: str, kind: type[msgspec.Struct], where: str) -> ConfigError:
+    names = _field_names(_type_at(kind, path))
+    near = difflib.get_close_matches(key, names, n=1, cutoff=0.5)
+    meant = f'did you mean "{near[0]}"? ' if near else ""
+    return ConfigError(
+        f"unknown key {_join(path, key)}", where=where, action=f"{meant}allowed here: {', '.join(names)}"
+    )
+
+
+def _join(path: str, key: str) -> str:
+    return f"{path}.{key}".lstrip(".")
+
+
+def _type_at(kind: type[msgspec.Struct], path: str) -> inspect.Type:
+    """The declared type at a path such as `.camera[0].source`."""
+    found: inspect.Type = inspect.type_info(kind)
+    for name, _ in _STEP.findall(path):
+        found = _inside(found, name)
+    return found
+
+
+def _inside(parent: inspect.Type, name: str) -> inspect.Type:
+    """One step down: the field `name`, or the items where `name` is empty."""
+    if isinstance(parent, inspect.Metadata):
+        return _inside(parent.type, name)
+    if isinstance(parent, inspect.UnionType):
+        wanted = inspect.StructType if name else (inspect.VarTupleType, inspect.TupleType, inspect.ListType)
+        options = [option for option in map(_bare, parent.types) if isinstance(option, wanted)]
+        return _inside(options[0], name) if options else parent
+    if isinstance(parent, inspect.StructType):
+        return next((field.type for field in parent.fields if field.encode_name == name), parent)
+    if isinstance(parent, inspect.VarTupleType | inspect.ListType):
+        return parent.item_type
+    if isinstance(parent, inspect.TupleType):
+        return parent.item_types[0]
+    return parent
+
+
+def _bare(kind: inspect.Type) -> inspect.Type:
+    return kind.type if isinstance(kind, inspect.Metadata) else kind
+
+
+def _field_names(kind: inspect.Type) -> list[str]:
+    kind = _bare(kind)
+    if isinstance(kind, inspect.UnionType):
+        return [name for option in kind.types for name in _field_names(option)]
+    return [field.encode_name for field in kind.fields] if isinstance(kind, inspect.StructType) else []
+
+
+def _value_at(tree: object, path: str) -> object:
+    for name, index in _STEP.findall(path):
+        if isinstance(tree, dict):
+            tree = tree.get(name)
+        elif isinstance(tree, list) and index.isdigit():
+            tree = tree[int(index)]
+    return tree
+
+
+@functools.singledispatch
+def describe(kind: inspect.Type) -> str:
+    """What a key may hold, in words."""
+    return type(kind).__name__.removesuffix("Type").lower()
+
+
+@describe.register
+def _(kind: inspect.Metadata) -> str:
+    note = (kind.extra_json_schema or {}).get("description")
+    return f"{describe(kind.type)} ({note})" if note else describe(kind.type)
+
+
+@describe.register
+def _(kind: inspect.UnionType) -> str:
+    return " or ".join(describe(option) for option in kind.types if not isinstance(option, inspect.NoneType))
+
+
+@describe.register
+def _(kind: inspect.LiteralType) -> str:
+    return "one of " + ", ".join(f'"{value}"' for value in kind.values)
+
+
+@describe.register(inspect.IntType)
+@describe.register(inspect.FloatType)
+def _(kind: inspect.IntType | inspect.FloatType) -> str:
+    word = "a whole number" if isinstance(kind, inspect.IntType) else "a number"
+    limits = ((">", kind.gt), (">=", kind.ge), ("<", kind.lt), ("<=", kind.le))
+    bounds = " and ".join(f"{sign} {limit}" for sign, limit in limits if limit is not None)
+    return f"{word} {bounds}".rstrip()
+
+
+@describe.register
+def _(kind: inspect.StrType) -> str:
+    return f'text matching "{kind.pattern}"' if kind.pattern else "text"
+
+
+@describe.register
+def _(kind: inspect.BoolType) -> str:
+    return "true or false"
+
+
+@describe.register
+def _(kind: inspect.StructType) -> str:
+    return f"a table with {', '.join(_field_names(kind))}"
+
+
+@describe.register(inspect.VarTupleType)
+@describe.register(inspect.ListType)
+def _(kind: inspect.VarTupleType | inspect.ListType) -> str:
+    return f"a list, each {describe(kind.item_type)}"
+
+
+@describe.register
+def _(kind: inspect.TupleType) -> str:
+    return f"[{', '.join(describe(item) for item in kind.item_types)}]"

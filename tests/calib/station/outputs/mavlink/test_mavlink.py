@@ -1,0 +1,354 @@
+"""What receivers need: true fields, ids, heights; ends that are said; commands obeyed only when allowed."""
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
+
+from calib.geodesy import enu_to_geodetic
+from calib.station.config import EndpointSection, MavlinkSection
+from calib.station.core.outgoing import Border, OutgoingTarget
+from calib.station.outputs.mavlink import messages as mavlink
+from calib.station.outputs.mavlink.codec import TICKS_PER_S, Codec, Streams, read_key, ticks
+from calib.station.outputs.mavlink.messages import TrackerStatus, Voice
+from calib.station.outputs.mavlink.port import MavlinkPort
+from calib.tracking.targets import TargetEstimate, TargetState
+from edge.common.errors import ConfigError
+
+ORIGIN = (47.4085, 8.5071, 580.0)
+VOICE = Voice(ORIGIN, epoch=7, undulation_m=47.6)
+NS = 10**9
+KEY = bytes(range(32))
+STATUS = TrackerStatus(1_800_000_000 * NS, 5000, 7, 7, 3, 7, 12.0, 1, 0)
+
+
+def target(**changes: object) -> OutgoingTarget:
+    """A confirmed target 50 m above the origin, flying north-east and up."""
+    estimate = TargetEstimate(
+        track=1,
+        state=TargetState.CONFIRMED,
+        t_unix_ns=1_800_000_000_123_456_789,
+        position_enu=np.array([10.0, 20.0, 50.0]),
+        velocity_enu=np.array([3.0, 4.0, 1.5]),
+        covariance=np.diag([0.01, 0.02, 0.03, 0.1, 0.2, 0.3]),
+        cameras=("cam0", "cam2"),
+        age_s=0.25,
+        quality=1.0,
+    )
+    sent = Border(["cam0", "cam1", "cam2"], 2).cross([replace(estimate, **changes)], ORIGIN)  # type: ignore[arg-type]
+    return sent[0]
+
+
+def port(*, key: bytes | None = None, streams: Streams | None = None, **section: object) -> MavlinkPort:
+    """An endpoint with both profiles."""
+    endpoint = EndpointSection(url="udp:127.0.0.1:1", profile=["gcs", "ecef"], **section)  # type: ignore[arg-type]
+    made = MavlinkPort(endpoint, MavlinkSection(system_id=1), VOICE, key, streams)
+    made.refresh(time.time())
+    return made
+
+
+def decoded(frames: list[bytes], key: bytes | None = None) -> list[common.MAVLink_message]:
+    """The frames as a receiver reads them."""
+    receiver = common.MAVLink(None)
+    receiver.robust_parsing = True
+    if key is not None:
+        receiver.signing.secret_key = key
+    return [message for frame in frames for message in receiver.parse_buffer(frame) or []]
+
+
+def kinds(frames: list[bytes]) -> list[str]:
+    return [message.get_type() for message in decoded(frames)]
+
+
+def test_target_track_is_in_ecef_with_its_covariance_and_own_component() -> None:
+    sent = target()
+    (message,) = [m for m in decoded(port().targets([sent], 0, True)) if m.get_type() == "TARGET_TRACK_ECEF"]
+    assert message.get_srcSystem() == 1
+    assert message.get_srcComponent() == mavlink.COMPONENT_ECEF
+    np.testing.assert_allclose(message.pos, sent.ecef_m, rtol=0, atol=1e-9)  # doubles travel whole
+    assert np.linalg.norm(message.vel) == pytest.approx(math.sqrt(3**2 + 4**2 + 1.5**2), rel=1e-6)
+    assert message.cov[0] + message.cov[6] + message.cov[11] == pytest.approx(0.06, rel=1e-6)  # turning keeps the trace
+    assert (message.time_usec, message.track_id, message.epoch) == (1_800_000_000_123_456, 1, 7)
+    assert (message.camera_mask, message.camera_count, message.meas_age) == (0b101, 2, 250)
+    assert message.flags == 1 | 2 | 4
+
+
+def test_adsb_height_is_above_sea_level() -> None:
+    (message,) = [m for m in decoded(port().targets([target()], 0, True)) if m.get_type() == "ADSB_VEHICLE"]
+    _, _, ellipsoidal_m = enu_to_geodetic(np.array([[10.0, 20.0, 50.0]]), ORIGIN)[0]
+    assert message.altitude == round((ellipsoidal_m - 47.6) * 1000)
+    assert message.altitude_type == common.ADSB_ALTITUDE_TYPE_GEOMETRIC
+    assert (message.lat, message.lon) == (474086799, 85072325)
+    assert message.heading == round(math.degrees(math.atan2(3, 4)) * 100)
+    assert (message.hor_velocity, message.ver_velocity, message.tslc, message.squawk) == (500, 150, 0, 0)
+    assert message.flags & common.ADSB_FLAGS_VALID_HEADING
+    assert message.get_srcComponent() == mavlink.COMPONENT_GCS
+    assert message.callsign == "SKY00001"
+
+
+def test_a_hovering_target_has_no_heading() -> None:
+    hovering = target(velocity_enu=np.array([0.2, 0.1, 0.0]))
+    (message,) = [m for m in decoded(port().targets([hovering], 0, True)) if m.get_type() == "ADSB_VEHICLE"]
+    assert not message.flags & common.ADSB_FLAGS_VALID_HEADING
+
+
+@given(track=st.integers(1, 2**32 - 1))
+def test_addresses_stay_in_the_drone_band_and_callsigns_are_eight_characters(track: int) -> None:
+    assert 1 <= mavlink.icao(track) <= 0x3FFF
+    assert len(mavlink.callsign(track)) == 9
+    assert mavlink.icao(track) != mavlink.icao(track + 1)
+
+
+def test_rates_are_limited_per_target_not_per_endpoint() -> None:
+    slow = port(rate_hz=10.0)
+    count = 0
+    for k in range(100):  # one second at 100 Hz, two targets
+        frames = slow.targets([target(), target(track=2)], k * NS // 100, True)
+        count += kinds(frames).count("TARGET_TRACK_ECEF")
+    assert 20 <= count <= 24  # ten a second each, a tenth of leeway
+
+
+def test_lost_is_said_three_times_and_then_nothing() -> None:
+    one = port()
+    said = kinds(one.targets([target(state=TargetState.LOST)], 0, True))
+    for k in range(1, 40):
+        said += kinds(one.targets([], k * NS // 10, True))
+    assert said == ["TARGET_TRACK_ECEF"] * 3
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"covariance": np.full((6, 6), np.nan)},
+        {"position_enu": np.array([np.inf, 0, 0])},
+        {"covariance": np.diag([1.0, 1, 1, 1, 1, -1])},
+        {"covariance": np.eye(6) * 1e5},
+        {"position_enu": np.array([1e6, 0, 0])},
+    ],
+    ids=["nan", "infinite", "not a covariance", "useless", "elsewhere"],
+)
+def test_what_is_no_position_never_leaves(broken: dict[str, object]) -> None:
+    border = Border(["cam0"], 2)
+    with pytest.raises(IndexError):
+        target(**broken)
+    assert border.refused == 0
+
+
+@given(
+    velocity=st.floats(-1e5, 1e5),
+    age_s=st.floats(0, 1e9),
+    quality=st.floats(0, 1),
+    track=st.integers(1, 2**40),
+)
+def test_no_number_stops_the_loop(velocity: float, age_s: float, quality: float, track: int) -> None:
+    wild = target(velocity_enu=np.array([velocity, 0, -velocity]), age_s=age_s, quality=quality, track=track)
+    assert len(port().targets([wild], 0, True)) == 2
+
+
+def test_every_second_both_components_beat_and_neither_is_a_ground_station() -> None:
+    messages = decoded(port().second(STATUS))
+    beats = [m for m in messages if m.get_type() == "HEARTBEAT"]
+    assert {m.get_srcComponent() for m in beats} == {25, 156}
+    assert {m.type for m in beats} == {common.MAV_TYPE_ADSB}
+    assert {m.autopilot for m in beats} == {common.MAV_AUTOPILOT_INVALID}
+    assert [m.get_type() for m in messages].count("TRACKER_STATUS") == 1
+
+
+def test_no_heartbeat_from_a_station_at_fault() -> None:
+    assert "HEARTBEAT" not in kinds(port().second(STATUS, faulted=True))
+
+
+def test_boot_time_wraps_after_49_days() -> None:
+    old = replace(STATUS, uptime_ms=2**32 + 5)
+    (message, *_) = [m for m in decoded(port().second(old)) if m.get_type() == "SYSTEM_TIME"]
+    assert message.time_boot_ms == 5
+
+
+def test_components_keep_their_own_sequences_so_nobody_sees_loss() -> None:
+    one = port()
+    frames = [frame for k in range(50) for frame in (*one.targets([target()], k * NS, True), *one.second(STATUS))]
+    for component in (25, 156):
+        numbers = [m.get_seq() for m in decoded(frames) if m.get_srcComponent() == component]
+        assert numbers == [k % 256 for k in range(len(numbers))]
+
+
+def test_long_texts_come_in_chunks_that_belong_together() -> None:
+    (first, second) = decoded(port().text(4, "x" * 60))
+    assert (first.id, first.chunk_seq, second.chunk_seq) == (second.id, 0, 1)
+    assert first.id > 0
+
+
+def test_texts_are_limited() -> None:
+    one = port()
+    assert sum(bool(one.text(4, "hello")) for _ in range(20)) == 5
+
+
+# Commands
+
+
+def command(number: int, key: bytes | None = None, system: int = 255, target_system: int = 1, **params: float) -> bytes:
+    """A COMMAND_LONG from a ground station."""
+    codec = Codec(system, 190, key, link_id=3)
+    codec.refresh(time.time())
+    values = [params.get(f"p{k}", 0.0) for k in range(1, 8)]
+    return codec.encoded(common.MAVLink_command_long_message(target_system, 25, number, 0, *values))
+
+
+def answer(one: MavlinkPort, data: bytes, can: bool = True) -> list[common.MAVLink_message]:
+    return decoded(one.receive(data, 1_800_000_000 * NS, lambda _: can))
+
+
+def test_a_stranger_s_command_is_denied_but_answered() -> None:
+    (ack,) = answer(port(), command(241))
+    assert (ack.get_type(), ack.result, ack.target_system) == ("COMMAND_ACK", common.MAV_RESULT_DENIED, 255)
+
+
+def test_a_listed_system_may_calibrate_and_hears_the_end() -> None:
+    one = port(commands_from=[255])
+    assert [m.result for m in answer(one, command(241))] == [common.MAV_RESULT_IN_PROGRESS]
+    assert [m.result for m in answer(one, command(241))] == [common.MAV_RESULT_TEMPORARILY_REJECTED]
+    assert [m.result for m in decoded(one.finished(True))] == [common.MAV_RESULT_ACCEPTED]
+    assert one.finished(True) == []
+
+
+def test_a_listed_system_may_set_rates_within_reason() -> None:
+    one = port(commands_from=[255])
+    assert [m.result for m in answer(one, command(511, p1=45000, p2=100_000))] == [common.MAV_RESULT_ACCEPTED]
+    assert [m.result for m in answer(one, command(511, p1=45000, p2=1))] == [common.MAV_RESULT_DENIED]
+    assert [m.result for m in answer(one, command(511, p1=33, p2=100_000))] == [common.MAV_RESULT_UNSUPPORTED]
+    assert [m.result for m in answer(one, command(400))] == [common.MAV_RESULT_UNSUPPORTED]
+
+
+def test_commands_for_somebody_else_are_not_ours_to_answer() -> None:
+    assert answer(port(commands_from=[255]), command(241, target_system=42)) == []
+
+
+def test_timesync_is_echoed() -> None:
+    asked = Codec(255, 190).encoded(common.MAVLink_timesync_message(tc1=0, ts1=777))
+    (reply,) = answer(port(), asked)
+    assert (reply.tc1, reply.ts1) == (1_800_000_000 * NS, 777)
+
+
+# Signing
+
+
+def test_with_a_key_only_signed_commands_count_and_an_allow_list_does_not_help() -> None:
+    one = port(key=KEY, commands_from=[255])
+    assert [m.result for m in answer(one, command(241))] == [common.MAV_RESULT_DENIED]
+    assert [m.result for m in answer(one, command(241, key=bytes(32)))] == [common.MAV_RESULT_DENIED]
+    assert [m.result for m in answer(one, command(241, key=KEY))] == [common.MAV_RESULT_IN_PROGRESS]
+
+
+def test_a_replayed_command_is_not_obeyed_twice() -> None:
+    one = port(key=KEY)
+    frame = command(511, key=KEY, p1=45000, p2=100_000)
+    assert [m.result for m in answer(one, frame)] == [common.MAV_RESULT_ACCEPTED]
+    assert [m.result for m in answer(one, frame)] == [common.MAV_RESULT_DENIED]
+
+
+def test_a_command_overheard_on_one_endpoint_is_not_obeyed_on_another() -> None:
+    streams = Streams(time.time())
+    radio, network = port(key=KEY, streams=streams), port(key=KEY, streams=streams)
+    frame = command(511, key=KEY, p1=45000, p2=100_000)
+    assert [m.result for m in answer(radio, frame)] == [common.MAV_RESULT_ACCEPTED]
+    assert [m.result for m in answer(network, frame)] == [common.MAV_RESULT_DENIED]
+    assert network.counters["commands_replayed"] == 1
+
+
+def test_a_command_obeyed_before_a_restart_is_not_obeyed_again_after_it() -> None:
+    """pymavlink would: a stream it does not know may begin a minute ago."""
+    frame = command(511, key=KEY, p1=45000, p2=100_000)
+    restarted = port(key=KEY, streams=Streams(time.time()))
+    assert [m.result for m in answer(restarted, frame)] == [common.MAV_RESULT_DENIED]
+    assert restarted.counters["commands_behind"] == 1
+    fresh = command(511, key=KEY, p1=45000, p2=100_000)
+    assert [m.result for m in answer(restarted, fresh)] == [common.MAV_RESULT_ACCEPTED]
+
+
+def test_why_a_command_was_refused_is_counted() -> None:
+    one = port(key=KEY)
+    for frame in (command(400), command(400, key=bytes(32)), command(400, key=bytes(32))):
+        one.receive(frame, 0, lambda _: True)
+    good = command(400, key=KEY)
+    for frame in (good, good, good[:-20] + b"\xff" + good[-19:]):
+        one.receive(frame, 0, lambda _: True)
+    counted = {name: one.counters[f"commands_{name}"] for name in ("unsigned", "forged", "replayed")}
+    # The last one was damaged on the way: its checksum is wrong, it is no message at all.
+    assert counted == {"unsigned": 1, "forged": 2, "replayed": 1}
+
+
+@given(times=st.lists(st.tuples(st.integers(0, 3), st.integers(-200, 200)), max_size=40))
+def test_a_stream_only_ever_moves_on_and_never_far_ahead(times: list[tuple[int, int]]) -> None:
+    """times: (sender, seconds from now); whatever comes, what was believed rises, from the start on, up to a minute."""
+    begun_s = 1_800_000_000.0
+    now, streams = ticks(begun_s), Streams(begun_s)
+    believed: dict[int, int] = {}
+    for sender, seconds in times:
+        time_ticks = now + seconds * TICKS_PER_S
+        if streams.judge((1, sender, 1), time_ticks, now) == "good":
+            assert believed.get(sender, now - 1) < time_ticks <= now + 60 * TICKS_PER_S
+            believed[sender] = time_ticks
+
+
+def test_a_forged_frame_from_the_future_poisons_nothing() -> None:
+    """pymavlink itself believes the time before it checks the hash, and refuses every good frame afterwards."""
+    one = port(key=KEY)
+    forger = Codec(255, 190, bytes(32), link_id=3)
+    forger.refresh(time.time() + 50 * 365 * 86400)
+    forged = forger.encoded(common.MAVLink_command_long_message(1, 25, 511, 0, 45000, 100_000, 0, 0, 0, 0, 0))
+    assert [m.result for m in answer(one, forged)] == [common.MAV_RESULT_DENIED]
+    assert [m.result for m in answer(one, command(511, key=KEY, p1=45000, p2=100_000))] == [common.MAV_RESULT_ACCEPTED]
+
+
+def test_even_a_good_signature_from_the_future_is_refused() -> None:
+    one = port(key=KEY)
+    ahead = Codec(255, 190, KEY, link_id=3)
+    ahead.refresh(time.time() + 3600)
+    frame = ahead.encoded(common.MAVLink_command_long_message(1, 25, 511, 0, 45000, 100_000, 0, 0, 0, 0, 0))
+    assert [m.result for m in answer(one, frame)] == [common.MAV_RESULT_DENIED]
+
+
+def test_a_receiver_that_joins_hours_later_accepts_what_we_sign() -> None:
+    """Only adding 10 us a message, as pymavlink does, leaves a new receiver more than a minute ahead of us."""
+    one = port(key=KEY)
+    one.second(STATUS)
+    later_s = time.time() + 3 * 3600
+    one.refresh(later_s)
+    receiver = Codec(255, 190, KEY)
+    receiver.refresh(later_s)
+    good = [m for frame in one.second(STATUS) for m in receiver.received(frame)]
+    assert len(good) == 5
+    assert {message.signature for message in good} == {"good"}
+
+
+def test_signing_time_never_goes_back_behind_what_was_stored() -> None:
+    one = port(key=KEY)
+    stored = one.refresh(time.time() + 600)
+    assert one.refresh(time.time()) >= stored
+
+
+def test_a_key_others_may_read_is_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / "key"
+    path.write_text("ab" * 32)
+    path.chmod(0o644)
+    with pytest.raises(ConfigError, match="readable by others"):
+        read_key(path)
+    path.chmod(0o600)
+    assert read_key(path) == b"\xab" * 32
+    path.write_text("abc")
+    with pytest.raises(ConfigError, match="64 hex digits"):
+        read_key(path)
+
+
+@given(data=st.binary(max_size=400))
+def test_no_bytes_stop_a_port(data: bytes) -> None:
+    one = port(key=KEY, commands_from=[255])
+    one.receive(b"\xfd" + data, 0, lambda _: True)
+    assert [m.result for m in answer(one, b"\x00" * 300 + command(400, key=KEY))][-1:] == [
+        common.MAV_RESULT_UNSUPPORTED
+    ]

@@ -1,0 +1,225 @@
+"""`base-station survey` as an operator uses it: a rover on a real pty, a list, a tape, a frame."""
+
+import argparse
+import datetime as dt
+import os
+import pty
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import CalibrationError
+from calib.station.commands import survey as survey_cli
+from calib.station.survey import field as survey_field
+from calib.station.survey.store import load_survey
+from edge.common.errors import ConfigError
+from tools.doubles.receiver import Array, Place, gga
+
+CONFIG = '[site]\nname = "field-1"\n[[camera]]\nid = "cam1"\n[[camera]]\nid = "cam2"\n[[camera]]\nid = "cam3"\n'
+ANTENNA = ("--above-lens", "0.2", "--measured-to", "phase-centre")
+PLACE = Place()
+STEP_S = 0.01  # between sentences; each says a second more
+
+
+class Rover:
+    """A receiver on a pty that does what the operator does to it."""
+
+    def __init__(self) -> None:
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.device = os.ttyname(self._slave)
+        self.offset_m: Array = np.zeros(3)
+        self.quality = 4
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._talk)
+        self._thread.start()
+
+    def reinitialise(self, then_offset_m: tuple[float, float, float]) -> None:
+        """Lose the fix for half a second, then be somewhere else."""
+        self.quality = 5
+
+        def fixed() -> None:
+            self.offset_m = np.array(then_offset_m)
+            self.quality = 4
+
+        threading.Timer(0.8, fixed).start()
+
+    def stop(self) -> None:
+        """Fall silent."""
+        self._stopping.set()
+        self._thread.join()
+        os.close(self._slave)
+        os.close(self._master)
+
+    def _talk(self) -> None:
+        t = dt.datetime.now(dt.UTC).replace(microsecond=0)
+        while not self._stopping.wait(STEP_S):
+            t += dt.timedelta(seconds=1)
+            try:
+                os.write(self._master, gga(t, PLACE, self.offset_m, quality=self.quality))
+            except BlockingIOError:
+                continue
+
+
+@pytest.fixture
+def rover() -> Iterator[Rover]:
+    """A rover that talks."""
+    rover = Rover()
+    yield rover
+    rover.stop()
+
+
+@pytest.fixture
+def call(tmp_path: Path) -> Callable[..., int]:
+    """Call the command with a configuration of three cameras."""
+    (tmp_path / "base.toml").write_text(CONFIG)
+
+    def call(*arguments: object, ask: Callable[[str], str] = lambda prompt: "") -> int:
+        parser = argparse.ArgumentParser()
+        survey_cli.add_arguments(parser)
+        words = ["--config", str(tmp_path / "base.toml"), *map(str, arguments)]
+        return survey_cli.run(parser.parse_args(words), ask)
+
+    return call
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Where the survey is kept."""
+    return tmp_path / "survey.toml"
+
+
+class Operator:
+    """Answers the questions in order; re-initialises the rover when the second occupation begins."""
+
+    def __init__(self, *answers: str) -> None:
+        self.answers = list(answers)
+        self.asked: list[str] = []
+
+    def __call__(self, prompt: str) -> str:
+        self.asked.append(prompt)
+        return self.answers.pop(0)
+
+
+def when_told(rover: Rover, offset_m: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the rover lose its fix when the operator is told to make it."""
+    wait = survey_field.wait_for_lost_fix
+
+    def told(receiver: object, progress: Callable[[str], None]) -> None:
+        rover.reinitialise(offset_m)
+        wait(receiver, progress)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(survey_field, "wait_for_lost_fix", told)
+
+
+def test_two_occupations_that_agree_are_stored(
+    rover: Rover,
+    call: Callable[..., int],
+    file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    when_told(rover, (0.01, 0.0, 0.0), monkeypatch)
+    operator = Operator("y")
+    assert call("occupy", "cam1", "--device", rover.device, "--seconds", 20, *ANTENNA, ask=operator) == 0
+    table = load_survey(file).of("cam1")
+    assert table is not None
+    assert len(table.occupation) == 2
+    assert table.position is not None
+    assert table.position[2] == pytest.approx(PLACE.altitude_m + PLACE.separation_m - 0.2, abs=2e-3)
+    printed = capsys.readouterr().out
+    assert "of 20 s" in printed
+    assert "10 mm horizontally" in printed
+
+
+def test_a_false_fix_in_the_second_occupation_is_not_stored(
+    rover: Rover, call: Callable[..., int], file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    when_told(rover, (0.2, 0.2, 0.0), monkeypatch)
+    with pytest.raises(CalibrationError, match="differ by 283 mm"):
+        call("occupy", "cam1", "--device", rover.device, "--seconds", 10, "--yes", *ANTENNA)
+    assert not file.exists()
+
+
+def test_what_the_operator_rejects_is_not_stored(rover: Rover, call: Callable[..., int], file: Path) -> None:
+    with pytest.raises(CalibrationError, match="rejected"):
+        call("occupy", "cam1", "--device", rover.device, "--seconds", 8, "--once", *ANTENNA, ask=Operator("n"))
+    assert not file.exists()
+
+
+def test_a_round_over_the_tripods(
+    rover: Rover, call: Callable[..., int], file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stops = {"cam1": (0.0, 0.0, 0.0), "cam2": (40.0, 0.0, 0.0), "cam9": (0.0, 0.0, 0.0), "cam3": (0.0, 40.0, 0.0)}
+    answers = iter(["cam1", "cam2", "cam9", "cam3", "cam1", ""])
+
+    def ask(prompt: str) -> str:
+        answer = next(answers)
+        rover.offset_m = np.array(stops.get(answer, (0.0, 0.0, 0.0)))
+        return answer
+
+    code = call("rover", "--device", rover.device, "--seconds", 8, "--once", "--yes", *ANTENNA, ask=ask)
+    printed = capsys.readouterr().out
+    assert code == 0
+    assert "cam9 is not configured" in printed
+    assert "loop closure on cam1" in printed
+    assert [table.id for table in load_survey(file).camera] == ["cam1", "cam2", "cam3"]
+
+
+def test_the_antenna_is_asked_for(rover: Rover, call: Callable[..., int], file: Path) -> None:
+    operator = Operator("0.3", "ARP")
+    arguments = ("occupy", "cam1", "--device", rover.device, "--seconds", 8, "--once", "--yes")
+    with pytest.raises(CalibrationError, match="data sheet"):
+        call(*arguments, ask=operator)
+    assert ["height" in operator.asked[0], "ARP" in operator.asked[1]] == [True, True]
+    with pytest.raises(ConfigError, match="no number"):
+        call(*arguments, ask=Operator("a lot"))
+
+
+def test_entering_showing_taping_framing(
+    call: Callable[..., int], file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "list.csv"
+    table.write_text(
+        "id,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m\n"
+        "cam2,48.1003,11.5,500,0.01,0.01,0.02\ncam3,48.1,11.5005,500,0.01,0.01,0.02\n"
+    )
+    assert call("enter", "cam1", 48.1, 11.5, 500, "--sigma", 0.01, 0.01, 0.02) == 0
+    assert call("import", table) == 0
+    assert call("tape", "cam1", "cam2", 33.36) == 0
+    assert call("frame", "--is", "EPSG:7931", "--epoch", 2026.9, "--from-service", "SAPOS") == 0
+    capsys.readouterr()
+    assert call() == 0
+    shown = capsys.readouterr().out
+    assert all(f"cam{i}: 48.1" in shown for i in (1, 2, 3))
+    assert "EPSG:7931" in shown
+    assert "agrees" in shown
+    assert call("drop", "cam3") == 0
+    assert [each.id for each in load_survey(file).camera] == ["cam1", "cam2"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("enter", "cam9", 48.1, 11.5, 500, "--sigma", 0.01, 0.01, 0.02),
+        ("enter", "cam1", 98.1, 11.5, 500, "--sigma", 0.01, 0.01, 0.02),
+        ("import", "/nowhere.csv"),
+        ("drop", "cam1"),
+        ("tape", "cam1", "cam2", 10),
+        ("frame", "--epoch", 3.0),
+        ("check", "/nowhere.toml"),
+        ("occupy", "cam1", *ANTENNA),
+    ],
+)
+def test_what_cannot_be_done_says_why_and_changes_nothing(
+    call: Callable[..., int], file: Path, arguments: tuple[object, ...]
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        call(*arguments)
+    assert caught.value.action
+    assert not file.exists()

@@ -1,0 +1,168 @@
+"""Other people's receivers of MAVLink: MAVProxy, MAVSDK, Wireshark and stock pymavlink, as processes of their own.
+
+None of them is needed to run or to test Skyfix; each is used where it is installed.
+"""
+
+import os
+import shutil
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, Self
+
+import pymavlink
+from pymavlink.dialects.v20 import common
+
+import calib.station.outputs.mavlink.messages  # noqa: F401 -- registers the dialect with pymavlink's parser
+from calib.station.outputs.mavlink.codec import ticks
+from tools.doubles.base import ROOT
+
+XML: Final = ROOT / "deploy" / "mavlink" / "skyfix.xml"
+MAVSDK_SCRIPT: Final = """
+import sys, time
+from mavsdk import ComponentType, Configuration, Mavsdk
+from mavsdk.plugins.transponder import Transponder
+
+mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+mavsdk.add_any_connection(f"udpin://127.0.0.1:{sys.argv[1]}")
+while not mavsdk.get_systems():
+    time.sleep(0.05)
+transponder = Transponder(mavsdk.get_systems()[0])
+transponder.subscribe_transponder(
+    lambda vehicle, *_: print(vehicle.icao_address, vehicle.latitude_deg, vehicle.longitude_deg, flush=True)
+)
+while True:
+    time.sleep(1.0)
+"""
+
+
+class Ear:
+    """Counts the messages that come to a UDP port by kind, and keeps the datagrams; verifies if it has a key."""
+
+    def __init__(self, port: int = 0, key: bytes | None = None, but_system: int = -1) -> None:
+        """key: as stock pymavlink verifies, told the time as it starts. but_system: counted as "others"."""
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", port))
+        self._socket.settimeout(0.2)
+        self.port = int(self._socket.getsockname()[1])
+        self.datagrams: list[bytes] = []
+        self.counts: Counter[str] = Counter()
+        self._but = but_system
+        self._parser = common.MAVLink(None)
+        self._parser.robust_parsing = True
+        if key is not None:
+            self._parser.signing.secret_key = key
+            self._parser.signing.timestamp = ticks(time.time())
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._listen)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._socket.close()
+
+    def _listen(self) -> None:
+        while not self._stop.is_set():
+            try:
+                data = self._socket.recv(65536)
+            except TimeoutError:
+                continue
+            self.datagrams.append(data)
+            for message in self._parser.parse_buffer(data) or ():
+                kind = message.get_type()
+                other = kind != "BAD_DATA" and message.get_srcSystem() == self._but
+                self.counts["others" if other else kind] += 1
+
+
+class Peers:
+    """The peers in a virtual environment, and a folder that they may fill."""
+
+    def __init__(self, environment: Path, folder: Path) -> None:
+        self._python = environment / "bin" / "python"
+        self._mavproxy = environment / "bin" / "mavproxy.py"
+        self._mavsdk = any(environment.glob("lib/python*/site-packages/mavsdk"))
+        self._folder = folder
+
+    @property
+    def has_mavproxy(self) -> bool:
+        """Whether MAVProxy is installed there."""
+        return self._mavproxy.exists()
+
+    @property
+    def has_mavsdk(self) -> bool:
+        """Whether MAVSDK is installed there."""
+        return self._mavsdk
+
+    @contextmanager
+    def mavproxy(self, name: str, port: int, out: int, passphrase: str) -> Iterator[None]:
+        """MAVProxy listening at a port; it hands on to `out` what it takes for good, and nothing unsigned."""
+        home = self._folder / name
+        home.mkdir()
+        words = f"set allow_unsigned 0; signing key {passphrase}"
+        command = [str(self._mavproxy), f"--master=udpin:127.0.0.1:{port}", f"--out=udpout:127.0.0.1:{out}"]
+        quiet = ["--daemon", "--non-interactive", f"--state-basedir={home}", f"--logfile={home / 'tlog'}"]
+        with self._running([*command, f"--cmd={words}", "--target-system=1", *quiet], home, home / "said.txt"):
+            yield
+
+    @contextmanager
+    def mavsdk(self, port: int) -> Iterator[Path]:
+        """MAVSDK listening at a port; the file where it writes a line for each aircraft it is told of."""
+        home = self._folder / "mavsdk"
+        home.mkdir()
+        said = home / "said.txt"
+        with self._running(["-c", MAVSDK_SCRIPT, str(port)], home, said):
+            yield said
+
+    @contextmanager
+    def _running(self, words: list[str], home: Path, said: Path) -> Iterator[None]:
+        environment = {**os.environ, "HOME": str(home), "MAVLINK20": "1"}
+        command = [str(self._python), *words]
+        with said.open("w") as log:
+            process = subprocess.Popen(command, env=environment, cwd=home, stdout=log, stderr=subprocess.DEVNULL)
+        try:
+            yield
+        finally:
+            process.kill()
+            process.wait()
+
+
+def has_wireshark() -> bool:
+    """Whether tshark is installed."""
+    return shutil.which("tshark") is not None
+
+
+def dissected(datagrams: list[bytes], folder: Path) -> Counter[str]:
+    """How often Wireshark reads each message id, with the dissector that MAVLink's generator makes of our XML."""
+    definitions = Path(pymavlink.__file__).parent / "dialects" / "v20"
+    for name in ("common", "standard", "minimal"):
+        shutil.copy(definitions / f"{name}.xml", folder)
+    shutil.copy(XML, folder)
+    make = [sys.executable, "-m", "pymavlink.tools.mavgen", "--lang=WLua", "--wire-protocol=2.0", "-o"]
+    subprocess.run([*make, str(folder / "skyfix"), str(folder / "skyfix.xml")], check=True, capture_output=True)
+    (folder / "frames.pcap").write_bytes(pcap(datagrams))
+    shown = ["-T", "fields", "-e", "mavlink_proto.msgid"]
+    command = ["tshark", "-r", str(folder / "frames.pcap"), "-X", f"lua_script:{folder / 'skyfix.lua'}", *shown]
+    told = subprocess.run(command, capture_output=True, text=True, check=True)
+    return Counter(told.stdout.split())
+
+
+def pcap(datagrams: list[bytes]) -> bytes:
+    """UDP datagrams to MAVLink's port, in a capture file (link type 101: bare IP)."""
+    parts = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 101)]
+    for number, datagram in enumerate(datagrams):
+        udp = struct.pack(">HHHH", 14555, 14550, 8 + len(datagram), 0) + datagram
+        host = bytes((127, 0, 0, 1))
+        packet = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), number & 0xFFFF, 0, 64, 17, 0) + host + host + udp
+        parts.append(struct.pack("<IIII", number, 0, len(packet), len(packet)) + packet)
+    return b"".join(parts)
