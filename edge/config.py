@@ -15,15 +15,19 @@ from edge.common.errors import ConfigError, LensError
 from edge.common.settings import build, load
 from edge.lens import LensModel
 from edge.link.settings import BOX_LINK, LinkSettings
-from edge.messages import Name, SizePx, TimeNs
+from edge.messages import Name, Pixel, SizePx, TimeNs
 
 __all__ = ["BoxConfig", "CameraConfig", "build", "load", "load_box", "load_lens"]
 
 SHIPPED_MODEL: Final = Path(__file__).parent / "models" / "skyfix.onnx"
 
-Positive = Annotated[float, Meta(gt=0)]
-NotNegative = Annotated[float, Meta(ge=0)]
+Seconds = Annotated[float, Meta(gt=0, le=3600)]
+SecondsOrNone = Annotated[float, Meta(ge=0, le=3600)]
+Bound = Annotated[float, Meta(ge=0, le=1e6)]  # s, of a clock: the same as on the wire
 Share = Annotated[float, Meta(ge=0, le=1)]
+Coefficient = Annotated[float, Meta(ge=-1e6, le=1e6)]  # whether they bend like a lens, LensModel says
+LeverArm = Annotated[float, Meta(ge=-100, le=100)]
+Core = Annotated[int, Meta(ge=0, le=1023)]
 
 
 class Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -34,18 +38,25 @@ class SourceConfig(Section, frozen=True, kw_only=True):
     """Where frames come from."""
 
     path: Annotated[str, Meta(min_length=1, description="video file, image folder, /dev/videoN or rtsp://...")]
-    kind: Literal["auto", "file", "v4l2", "rtsp", "folder"] = "auto"
-    t0_unix_ns: Annotated[TimeNs, Meta(description="files: UTC of the first frame")] | None = None
-    bound_s: Annotated[NotNegative, Meta(description="files: how far t0_unix_ns may be off")] = 0.0
+    kind: Annotated[
+        Literal["auto", "file", "v4l2", "rtsp", "folder"], Meta(description="auto: what the path looks like")
+    ] = "auto"
+    t0_unix_ns: Annotated[TimeNs | None, Meta(description="files: UTC of the first frame")] = None
+    bound_s: Annotated[Bound, Meta(description="files: how far t0_unix_ns may be off")] = 0.0
     realtime: Annotated[bool, Meta(description="files: play at the pace of the stamps, dropping what is late")] = False
-    start_at_unix_ns: (
-        Annotated[TimeNs, Meta(description="realtime: this box's UTC to play the first frame at")] | None
-    ) = None
+    start_at_unix_ns: Annotated[
+        TimeNs | None, Meta(description="realtime: this box's UTC to play the first frame at")
+    ] = None
     loop: Annotated[bool, Meta(description="files: begin again at the end, stamps going on")] = False
     follow: Annotated[bool, Meta(description="folder: wait for new images")] = False
-    fps: Annotated[float, Meta(gt=0, le=1000, description="asked of a camera; for sources without times")] | None = None
-    size_px: Annotated[SizePx, Meta(description="asked of a V4L2 camera")] | None = None
-    pixel_format: Annotated[str, Meta(pattern="^.{4}$", description="V4L2 four-letter code")] | None = None
+    fps: Annotated[
+        Annotated[float, Meta(gt=0, le=1000)] | None,
+        Meta(description="frames a second: asked of a camera; the rate of sources without times"),
+    ] = None
+    size_px: Annotated[SizePx | None, Meta(description="width and height asked of a V4L2 camera")] = None
+    pixel_format: Annotated[
+        Annotated[str, Meta(pattern="^.{4}$")] | None, Meta(description="four-letter code asked of a V4L2 camera")
+    ] = None
     delay_s: Annotated[float, Meta(ge=-1, le=1, description="constant taken off every stamp")] = 0.0
     stamp_of: Annotated[
         Literal["middle", "exposure_start", "exposure_end", "frame_end"],
@@ -57,12 +68,15 @@ class SourceConfig(Section, frozen=True, kw_only=True):
 class LensConfig(Section, frozen=True, kw_only=True):
     """A lens: the numbers `edge-node lens` writes."""
 
-    model: Literal["radtan", "fisheye"]
-    intrinsics: Annotated[tuple[float, float, float, float], Meta(description="fx, fy, cx, cy in pixels")]
-    distortion: Annotated[tuple[float, ...], Meta(description="OpenCV's order")]
-    size_px: SizePx
-    rms_px: NotNegative = 0.0
-    focal_sigma_px: Positive | None = None
+    model: Annotated[Literal["radtan", "fisheye"], Meta(description="OpenCV's pinhole or fisheye model")]
+    intrinsics: Annotated[tuple[Pixel, Pixel, Pixel, Pixel], Meta(description="fx, fy, cx, cy in pixels")]
+    distortion: Annotated[tuple[Coefficient, ...], Meta(description="coefficients in OpenCV's order")]
+    size_px: Annotated[SizePx, Meta(description="width and height of the pictures it was measured on")]
+    rms_px: Annotated[float, Meta(ge=0, le=1e5, description="what the corners of the boards missed it by")] = 0.0
+    focal_sigma_px: Annotated[
+        Annotated[float, Meta(gt=0, le=1e5)] | None,
+        Meta(description="one sigma of fx and fy; left out: a hundredth of them"),
+    ] = None
     report: Annotated[dict[str, object], Meta(description="how the lens was measured; not read")] = {}
 
 
@@ -78,51 +92,57 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
         Literal["auto", "skyfix", "yolov8", "end_to_end", "yolox", "detr", "labels_boxes_scores"],
         Meta(description="only where the model's own shapes do not say it"),
     ] = "auto"
-    class_names: tuple[str, ...] = ()
-    input_size_px: Annotated[SizePx, Meta(description="for models whose input size is free")] | None = None
-    score_min: Share = 0.25
-    nms_iou: Share = 0.45
-    max_detections: Annotated[int, Meta(ge=1, le=1000)] = 100
+    class_names: Annotated[
+        tuple[str, ...], Meta(description="in the model's order, where the model does not carry them")
+    ] = ()
+    input_size_px: Annotated[
+        SizePx | None, Meta(description="width and height, for models whose input size is free")
+    ] = None
+    score_min: Annotated[Share, Meta(description="a detection below it is dropped")] = 0.25
+    nms_iou: Annotated[Share, Meta(description="overlap (IoU) from which two boxes are one object")] = 0.45
+    max_detections: Annotated[int, Meta(ge=1, le=1000, description="kept of a frame, the surest first")] = 100
     tiles: Annotated[bool, Meta(description="full_frame: cut into overlapping tiles of the model's size")] = False
     threads: Annotated[int, Meta(ge=1, le=64, description="per ONNX session")] = 1
     workers: Annotated[int, Meta(ge=1, le=16, description="full_frame: frames worked on side by side")] = 2
     max_crops: Annotated[int, Meta(ge=1, le=64, description="two_stage: crops a frame")] = 8
-    scan_period_s: Annotated[NotNegative, Meta(description="two_stage: between full scans; 0 for none")] = 1.0
+    scan_period_s: Annotated[SecondsOrNone, Meta(description="two_stage: between full scans; 0 for none")] = 1.0
 
 
 class GateConfig(Section, frozen=True, kw_only=True):
     """What makes detections a track."""
 
-    profile: Literal["tracks", "paper"] = "tracks"
-    score_confirm: (
-        Annotated[Share, Meta(description="mean score of a track to be believed; left out: what suits the model")]
-        | None
-    ) = None
-    confirm_hits: Annotated[int, Meta(ge=2, le=100)] = 5
-    confirm_window_s: Positive = 0.27
-    speed_max_px_s: Annotated[float, Meta(gt=0, description="faster is not followed")] = 900.0
-    moved_min_px: Annotated[NotNegative, Meta(description="net movement that shows a track to fly")] = 6.0
-    moved_window_s: Positive = 1.0
-    coast_max_s: Annotated[NotNegative, Meta(description="gap over which a track keeps its number")] = 2.0
-    bridge_max_s: Annotated[NotNegative, Meta(description="gap between sure looks filled with interpolated rows")] = 1.0
+    profile: Annotated[Literal["tracks", "paper"], Meta(description="paper: the published rules 1 and 2")] = "tracks"
+    score_confirm: Annotated[
+        Share | None, Meta(description="mean score of a track to be confirmed; left out: what suits the model")
+    ] = None
+    confirm_hits: Annotated[int, Meta(ge=2, le=100, description="detections that confirm a track")] = 5
+    confirm_window_s: Annotated[Seconds, Meta(description="within which the confirm_hits must fall")] = 0.27
+    speed_max_px_s: Annotated[float, Meta(gt=0, le=1e6, description="faster is not followed")] = 900.0
+    moved_min_px: Annotated[float, Meta(ge=0, le=1e5, description="net movement that shows a track to fly")] = 6.0
+    moved_window_s: Annotated[Seconds, Meta(description="within which moved_min_px must be covered")] = 1.0
+    coast_max_s: Annotated[SecondsOrNone, Meta(description="gap over which a track keeps its number")] = 2.0
+    bridge_max_s: Annotated[SecondsOrNone, Meta(description="gap between sure looks filled with interpolated rows")] = (
+        1.0
+    )
 
 
 class GnssConfig(Section, frozen=True, kw_only=True):
     """The box's RTK receiver."""
 
     device: Annotated[str, Meta(min_length=1, description="serial device, socket://host:port or a recording")]
-    baud: Annotated[int, Meta(ge=0, le=4_000_000, description="0: try the usual ones")] = 115200
+    baud: Annotated[int, Meta(ge=0, le=4_000_000, description="bits a second; 0: try the usual ones")] = 115200
     service: Annotated[
         Literal["own-base", "network-rtk", "ppp-rtk"], Meta(description="where the corrections come from")
     ] = "network-rtk"
     baseline_m: Annotated[float, Meta(ge=0, le=1e5, description="to the base station, where there is a real one")] = 0.0
     frame: Annotated[str, Meta(description="the corrections' reference frame, such as ETRS89")] = "WGS84"
-    separation_m: (
-        Annotated[float, Meta(ge=-120, le=100, description="geoid separation, for a receiver that sends none")] | None
-    ) = None
+    separation_m: Annotated[
+        Annotated[float, Meta(ge=-120, le=100)] | None,
+        Meta(description="geoid above ellipsoid, only for a receiver that sends none"),
+    ] = None
     accept_unknown_age: Annotated[bool, Meta(description="for a receiver that sends no age of corrections")] = False
     lever_arm_m: Annotated[
-        tuple[float, float, float], Meta(description="antenna minus camera: east, north, up metres")
+        tuple[LeverArm, LeverArm, LeverArm], Meta(description="antenna minus camera: east, north, up metres")
     ] = (0.0, 0.0, 0.0)
 
 
@@ -130,28 +150,31 @@ class ClockConfig(Section, frozen=True, kw_only=True):
     """How the box knows UTC."""
 
     source: Annotated[
-        Literal["auto", "ptp", "assumed"], Meta(description="auto: chrony, else the kernel; ptp: ptp4l")
+        Literal["auto", "ptp", "assumed"],
+        Meta(description="auto: chrony, else the kernel; ptp: ptp4l; assumed: assumed_bound_s is taken at its word"),
     ] = "auto"
-    limit_s: Annotated[Positive, Meta(description="check fails where UTC may be further off")] = 0.01
-    assumed_bound_s: Annotated[NotNegative, Meta(description="assumed: how far this box's UTC may be off")] = 0.01
+    limit_s: Annotated[Seconds, Meta(description="check fails where UTC may be further off")] = 0.01
+    assumed_bound_s: Annotated[Bound, Meta(description="assumed: how far this box's UTC may be off")] = 0.01
 
 
 class SpoolConfig(Section, frozen=True, kw_only=True):
     """Where observations wait for a base that is out of reach: a file for each camera."""
 
-    folder: Annotated[str, Meta(min_length=1)] = "/var/lib/skyfix"
-    max_mb: Annotated[int, Meta(ge=1, le=1_000_000, description="a camera; 500 MB is about nine hours at 30 Hz")] = 500
+    folder: Annotated[str, Meta(min_length=1, description="on a disk that survives a power cut")] = "/var/lib/skyfix"
+    max_mb: Annotated[
+        int, Meta(ge=1, le=1_000_000, description="megabytes a camera; 500 are about nine hours at 30 Hz")
+    ] = 500
 
 
 class CameraConfig(Section, frozen=True, kw_only=True):
     """One camera of the box."""
 
-    id: Name
+    id: Annotated[Name, Meta(description="unique on the site, and the same in the base's list")]
     source: SourceConfig
     lens: Annotated[str | LensConfig, Meta(description="a lens file, or the numbers themselves")]
     readout_s: Annotated[float, Meta(ge=0, le=1, description="first to last row of a rolling shutter")] = 0.0
-    exposure_s: Annotated[float, Meta(ge=0, le=1, description="used with source.stamp_of")] = 0.0
-    cores: Annotated[tuple[int, ...], Meta(description="CPU cores its process is kept to; empty for any")] = ()
+    exposure_s: Annotated[float, Meta(ge=0, le=1, description="known exposure, used with source.stamp_of")] = 0.0
+    cores: Annotated[tuple[Core, ...], Meta(description="CPU cores its threads are kept to; empty for any")] = ()
     detector: DetectorConfig | None = None
     gate: GateConfig | None = None
 
@@ -159,17 +182,17 @@ class CameraConfig(Section, frozen=True, kw_only=True):
 class BoxConfig(Section, frozen=True, kw_only=True):
     """A camera box: its site, its cameras, and what they share."""
 
-    site: Name
+    site: Annotated[Name, Meta(description="the same on every box and on the base")]
     camera: Annotated[tuple[CameraConfig, ...], Meta(min_length=1, description="one [[camera]] each")]
     link: LinkSettings = BOX_LINK
     gnss: GnssConfig | None = None
     clock: ClockConfig = ClockConfig()
     detector: DetectorConfig = DetectorConfig()
     gate: GateConfig = GateConfig()
-    spool: (
-        Annotated[SpoolConfig, Meta(description="observations kept on disk for a base that was out of reach")] | None
-    ) = None
-    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    spool: SpoolConfig | None = None
+    log_level: Annotated[Literal["debug", "info", "warning", "error"], Meta(description="the least that is logged")] = (
+        "info"
+    )
 
     def __post_init__(self) -> None:
         names = [camera.id for camera in self.camera]

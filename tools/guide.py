@@ -7,25 +7,22 @@ What stands between `<!-- NAME -->` and `<!-- end -->` is generated; the rest is
 """
 
 import argparse
-import ast
-import inspect
-import io
+import json
 import re
 import sys
-import textwrap
-import tokenize
-import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec import inspect
 
 from calib.adjustment.projection import CAMERA_SIZE, CENTRE, ROTATION
 from calib.network import Camera
 from calib.solving.prediction import predict
 from calib.station.config import BaseConfig
+from edge.common import settings
 from edge.common.arrays import Array
 from edge.config import BoxConfig
 from edge.lens import LensModel
@@ -43,100 +40,55 @@ DISTANCES_M: Final = (50.0, 100.0, 300.0, 1000.0)
 ELEVATION_DEG: Final = 30.0
 
 
-def keys(kind: type[msgspec.Struct], path: str = "") -> Iterator[tuple[str, type[msgspec.Struct]]]:
-    """The tables of a configuration, in TOML's words, each with its struct."""
-    yield path, kind
-    for name, hint in get_type_hints(kind).items():
-        for section in _structs(hint):
-            yield from keys(section, f"{path}.{name}".lstrip("."))
+def tables(kind: type[msgspec.Struct]) -> Iterator[tuple[str, inspect.StructType]]:
+    """The tables of a configuration, in TOML's words, each with its type."""
+    yield from _tables("", inspect.type_info(kind))
 
 
-def _structs(hint: Any) -> list[type[msgspec.Struct]]:
-    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
-        return [hint]
-    return [found for part in get_args(hint) for found in _structs(part)]
+def _tables(path: str, kind: inspect.Type) -> Iterator[tuple[str, inspect.StructType]]:
+    for section in _structs(kind):
+        yield path, section
+        for field in section.fields:
+            yield from _tables(f"{path}.{field.encode_name}".lstrip("."), field.type)
+
+
+def _structs(kind: inspect.Type) -> list[inspect.StructType]:
+    """The tables a key may hold: itself, or one of several, or each of a list."""
+    if isinstance(kind, inspect.StructType):
+        return [kind]
+    if isinstance(kind, inspect.Metadata):
+        return _structs(kind.type)
+    if isinstance(kind, inspect.UnionType):
+        return [found for option in kind.types for found in _structs(option)]
+    return _structs(kind.item_type) if isinstance(kind, inspect.ListType | inspect.VarTupleType) else []
+
+
+def keys(section: inspect.StructType) -> list[inspect.Field]:
+    """The keys of a table that are no tables themselves."""
+    return [field for field in section.fields if not _structs(field.type)]
 
 
 def configuration(kind: type[msgspec.Struct]) -> str:
     """A Markdown table for every section of a configuration."""
     parts = []
-    for path, section in keys(kind):
+    for path, section in tables(kind):
         heading = f"`[{path}]`" if path else "At the top of the file"
-        about = inspect.getdoc(section) or ""
-        rows = "".join(_row(section, field) for field in msgspec.structs.fields(section) if not _structs(field.type))
+        rows = "".join(map(_row, keys(section)))
         table = f"| key | allowed | default | |\n|---|---|---|---|\n{rows}" if rows else ""
-        parts.append(f"**{heading}** {' '.join(about.split())}\n\n{table}")
+        parts.append(f"**{heading}** {settings.description(section)}\n\n{table}")
     return "\n".join(parts)
 
 
-def _row(section: type[msgspec.Struct], field: msgspec.structs.FieldInfo) -> str:
-    hint = get_type_hints(section, include_extras=True)[field.name]
-    said = _description(hint) or _comments(section).get(field.name, "")
-    return f"| `{field.name}` | {_allowed(hint)} | {_default(field)} | {_cell(said)} |\n"
+def _row(field: inspect.Field) -> str:
+    allowed = _cell(settings.allowed(field.type))
+    return f"| `{field.encode_name}` | {allowed} | {_default(field)} | {_cell(settings.description(field.type))} |\n"
 
 
-def _default(field: msgspec.structs.FieldInfo) -> str:
-    if field.default_factory is not msgspec.NODEFAULT:
-        return f"`{field.default_factory()}`"
-    if field.default is msgspec.NODEFAULT:
+def _default(field: inspect.Field) -> str:
+    if field.required:
         return "**needed**"
-    return "–" if field.default is None else f"`{_plain(field.default)}`"
-
-
-def _plain(value: object) -> str:
-    """A default as TOML has it; a file of the program by its name, wherever it is installed."""
-    if isinstance(value, Path) or (isinstance(value, str) and value.startswith(str(GUIDE.parents[1]))):
-        return Path(value).name
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _description(hint: Any) -> str:
-    if get_origin(hint) is Annotated:
-        for meta in get_args(hint)[1:]:
-            if isinstance(meta, msgspec.Meta) and meta.description:
-                return meta.description
-    return next((found for part in get_args(hint) if (found := _description(part))), "")
-
-
-def _comments(section: type[msgspec.Struct]) -> dict[str, str]:
-    """What the comments beside the fields say."""
-    found: dict[str, str] = {}
-    for owner in reversed(section.__mro__):
-        if owner.__module__.partition(".")[0] not in ("edge", "calib"):
-            continue
-        source = textwrap.dedent(inspect.getsource(owner))
-        comments = {
-            token.start[0]: token.string.lstrip("# ")
-            for token in tokenize.generate_tokens(io.StringIO(source).readline)
-            if token.type == tokenize.COMMENT
-        }
-        for node in ast.walk(ast.parse(source)):
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                lines = range(node.lineno, (node.end_lineno or node.lineno) + 1)
-                found[node.target.id] = " ".join(comments[line] for line in lines if line in comments)
-    return found
-
-
-def _allowed(hint: Any) -> str:
-    origin, parts = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        bounds = " ".join(filter(None, (_bounds(meta) for meta in parts[1:] if isinstance(meta, msgspec.Meta))))
-        return f"{_allowed(parts[0])} {bounds}".strip()
-    if origin in (Union, types.UnionType):
-        return " or ".join(_allowed(part) for part in parts if part is not type(None))
-    if origin is Literal:
-        return ", ".join(f'`"{part}"`' for part in parts)
-    if origin in (list, tuple):
-        inner = [_allowed(part) for part in parts if part is not Ellipsis]
-        return f"list of {inner[0]}" if origin is list or Ellipsis in parts else f"{len(inner)} × {inner[0]}"
-    names = {str: "text", int: "whole number", float: "number", bool: "true, false", Path: "path"}
-    return names.get(hint, _cell(getattr(hint, "__name__", str(hint))))
-
-
-def _bounds(meta: msgspec.Meta) -> str:
-    low = f"≥ {meta.ge:g}" if meta.ge is not None else f"> {meta.gt:g}" if meta.gt is not None else ""
-    high = f"≤ {meta.le:g}" if meta.le is not None else f"< {meta.lt:g}" if meta.lt is not None else ""
-    return ", ".join(filter(None, (low, high)))
+    value = field.default_factory() if field.default is msgspec.NODEFAULT else field.default
+    return "–" if value is None else f"`{json.dumps(value)}`"
 
 
 def _cell(text: str) -> str:
@@ -151,7 +103,7 @@ def messages() -> str:
     for topic, kind in kinds:
         who, name = topic.split("/")
         place = f"cam/<camera>/{name}" if who == "cam" else f"station/{name}"
-        about = _cell(inspect.getdoc(kind) or "")
+        about = _cell(settings.description(inspect.type_info(kind)))
         fields = ", ".join(f"`{field.name}`" for field in msgspec.structs.fields(kind))
         rows.append(f"| `{place}` | [{kind.__name__}](schema/{kind.__name__}.json) | {about} | {fields} |\n")
     head = "| key below `skyfix/1/<site>/` | message | | fields |\n|---|---|---|---|\n"

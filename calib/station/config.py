@@ -21,111 +21,181 @@ from edge.messages import Name
 MIN_CAMERAS: Final = 3  # fewer have no georeference: a line through two tripods leaves roll about it free
 MAX_CAMERAS: Final = 32  # bits of TARGET_TRACK_ECEF.camera_mask
 
-Degrees = Annotated[float, Meta(ge=-180, le=180)]
-Geodetic = tuple[Annotated[float, Meta(ge=-90, le=90)], Degrees, Annotated[float, Meta(ge=-1000, le=10000)]]
+Latitude = Annotated[float, Meta(ge=-90, le=90)]
+Longitude = Annotated[float, Meta(ge=-180, le=180)]
+Height = Annotated[float, Meta(ge=-1000, le=10000)]
+Geodetic = tuple[Latitude, Longitude, Height]
 PositiveMetres = Annotated[float, Meta(gt=0, le=1000)]
-Port = Annotated[int, Meta(ge=0, le=65535)]
+LeverArm = Annotated[float, Meta(ge=-100, le=100)]
+SystemId = Annotated[int, Meta(ge=1, le=255)]
 
 
 class SiteSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Which site this is, and where on the Earth its local frame has its origin."""
 
-    name: Name
-    origin: Geodetic | None = None  # latitude deg, longitude deg, ellipsoidal m; None: mean of the surveyed cameras
-    undulation_m: Annotated[float, Meta(ge=-120, le=100)] | None = (
-        None  # geoid above ellipsoid; a `gcs` endpoint needs it
-    )
-    survey: str | None = None  # a site.toml with surveyed positions, as `base-station survey` writes it
+    name: Annotated[Name, Meta(description="the same on every box")]
+    origin: Annotated[
+        Geodetic | None,
+        Meta(description="latitude and longitude in degrees, ellipsoidal metres; left out: mean of the cameras"),
+    ] = None
+    undulation_m: Annotated[
+        Annotated[float, Meta(ge=-120, le=100)] | None,
+        Meta(description="geoid (EGM96) above ellipsoid there; an endpoint of profile `gcs` needs it"),
+    ] = None
+    survey: Annotated[
+        str | None, Meta(description="a site.toml with surveyed positions, as `base-station survey` writes it")
+    ] = None
 
 
 class CameraSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A camera that is expected. Its order here is its bit in MAVLink's camera masks: append, never insert."""
 
-    id: Name
-    position: Geodetic | None = None  # latitude deg, longitude deg, ellipsoidal m of the optical centre
-    position_sigma: tuple[PositiveMetres, PositiveMetres, PositiveMetres] = (0.02, 0.02, 0.04)  # m, what RTK gives
-    antenna_to_camera_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, east north up, added to a box's own fixes
+    id: Annotated[Name, Meta(description="as its box has it")]
+    position: Annotated[
+        Geodetic | None,
+        Meta(
+            description="optical centre: latitude and longitude in degrees, ellipsoidal metres;"
+            " left out: the box's own fixes"
+        ),
+    ] = None
+    position_sigma: Annotated[
+        tuple[PositiveMetres, PositiveMetres, PositiveMetres],
+        Meta(description="one sigma of position in metres: east, north, up; the default is what RTK gives"),
+    ] = (0.02, 0.02, 0.04)
+    antenna_to_camera_m: Annotated[
+        tuple[LeverArm, LeverArm, LeverArm],
+        Meta(description="metres east, north, up, added to the box's own fixes"),
+    ] = (0.0, 0.0, 0.0)
 
 
 class ReceiverSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A GNSS receiver on the base, for `base-station survey` with a rover."""
 
-    device: str
-    baud: Annotated[int, Meta(ge=4800, le=921600)] = 115200
+    device: Annotated[str, Meta(min_length=1, description="serial device, socket://host:port or a recording")]
+    baud: Annotated[int, Meta(ge=4800, le=921600, description="bits a second")] = 115200
 
 
 class CalibrationSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """When to solve, and how good a solution must be to be sent from."""
 
-    window_s: Annotated[float, Meta(ge=10, le=36000)] = 900.0  # s of flight kept for solving
-    window_rows: Annotated[int, Meta(ge=100, le=200000)] = 6000  # observations a camera kept; thinned evenly beyond
-    first_solve_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # s of shared flight before the first attempt
-    resolve_s: Annotated[float, Meta(ge=1, le=36000)] = 60.0  # s between refinements at most; a quick one comes sooner
-    max_rms_px: Annotated[float, Meta(gt=0, le=50)] = 4.0  # px: worse is refused
-    max_sigma_m: PositiveMetres = 2.0  # m: one sigma of a position in the middle of the flight; worse is refused
-    warm_start: bool = True  # begin from the stored network, if it fits what is seen
+    window_s: Annotated[float, Meta(ge=10, le=36000, description="of flight kept for solving")] = 900.0
+    window_rows: Annotated[
+        int, Meta(ge=100, le=200000, description="observations a camera kept; thinned evenly beyond")
+    ] = 6000
+    first_solve_s: Annotated[float, Meta(ge=1, le=600, description="of shared flight before the first attempt")] = 15.0
+    resolve_s: Annotated[
+        float, Meta(ge=1, le=36000, description="between refinements at most; a quick one comes sooner")
+    ] = 60.0
+    max_rms_px: Annotated[float, Meta(gt=0, le=50, description="a solution with a larger residual is refused")] = 4.0
+    max_sigma_m: Annotated[
+        PositiveMetres,
+        Meta(description="one sigma of a position in the middle of the flight; a larger one is refused"),
+    ] = 2.0
+    warm_start: Annotated[bool, Meta(description="begin from the stored network, if it fits what is seen")] = True
 
 
 class TrackingSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How objects are followed. The defaults suit small UAVs and birds at 20 m to 1 km."""
 
-    sigma_px: Annotated[float, Meta(gt=0, le=50)] = 1.0  # px, one sigma, where a detection does not say its own
-    reorder_horizon_s: Annotated[float, Meta(ge=0, le=2)] = 0.5  # s a ray may come late and still count
-    coast_s: Annotated[float, Meta(gt=0, le=30)] = 2.5  # s without a measurement until a target is lost
-    stale_s: Annotated[float, Meta(gt=0, le=60)] = 2.0  # s without a frame until a camera is gone
-    min_cameras: Annotated[int, Meta(ge=2, le=8)] = 2  # fewer at the last update: DEGRADED
-    max_speed_m_s: Annotated[float, Meta(gt=0, le=1000)] = 80.0
-    max_range_m: Annotated[float, Meta(gt=0, le=50000)] = 3000.0
+    sigma_px: Annotated[float, Meta(gt=0, le=50, description="one sigma of a detection that does not say its own")] = (
+        1.0
+    )
+    reorder_horizon_s: Annotated[float, Meta(ge=0, le=2, description="a ray may come so late and still count")] = 0.5
+    coast_s: Annotated[float, Meta(gt=0, le=30, description="without a measurement for so long a target is lost")] = 2.5
+    stale_s: Annotated[float, Meta(gt=0, le=60, description="without a frame for so long a camera is gone")] = 2.0
+    min_cameras: Annotated[
+        int, Meta(ge=2, le=8, description="a target that fewer saw at its last update is marked DEGRADED")
+    ] = 2
+    max_speed_m_s: Annotated[float, Meta(gt=0, le=1000, description="a faster object does not become a target")] = 80.0
+    max_range_m: Annotated[
+        float, Meta(gt=0, le=50000, description="an object farther from its cameras does not become a target")
+    ] = 3000.0
 
 
 class EndpointSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One receiver of MAVLink.
+    """One receiver of MAVLink."""
 
-    url: udp:HOST:PORT (send there), tcp:HOST:PORT (dial), tcpin:HOST:PORT (listen) or serial:DEVICE:BAUD.
-    profile: gcs for ground-control programs (ADSB_VEHICLE), ecef for programs that want the covariance.
-    """
-
-    url: str
-    profile: list[Literal["gcs", "ecef"]]
-    rate_hz: Annotated[float, Meta(gt=0, le=200)] = 50.0  # at most so many TARGET_TRACK_ECEF a second and target
-    signing_key: str | None = None  # file of 64 hex digits, mode 0600; None: unsigned
-    link_id: Annotated[int, Meta(ge=0, le=255)] = 1  # of signed streams; one per endpoint, never changed
-    commands_from: list[Annotated[int, Meta(ge=1, le=255)]] = []  # system ids obeyed unsigned; [] and no key: none
+    url: Annotated[
+        str,
+        Meta(
+            min_length=1,
+            description="udp:HOST:PORT (send there), tcp:HOST:PORT (dial), tcpin:HOST:PORT (listen)"
+            " or serial:DEVICE:BAUD",
+        ),
+    ]
+    profile: Annotated[
+        list[Literal["gcs", "ecef"]],
+        Meta(description="gcs for ground-control programs (ADSB_VEHICLE), ecef for programs that want the covariance"),
+    ]
+    rate_hz: Annotated[
+        float, Meta(gt=0, le=200, description="at most so many TARGET_TRACK_ECEF a second and target")
+    ] = 50.0
+    signing_key: Annotated[str | None, Meta(description="file of 64 hex digits, mode 0600; left out: unsigned")] = None
+    link_id: Annotated[
+        int, Meta(ge=0, le=255, description="of signed streams; one for each endpoint, never changed")
+    ] = 1
+    commands_from: Annotated[
+        list[SystemId], Meta(description="system ids obeyed unsigned; none of them and no key: none")
+    ] = []
 
 
 class MavlinkSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """MAVLink out. QGroundControl and MAVProxy draw only what carries their vehicle's system id: set it to that."""
 
-    system_id: Annotated[int, Meta(ge=1, le=254)] = 200  # 255 is the ground station's
-    adsb_rate_hz: Annotated[float, Meta(ge=0.5, le=5)] = 2.0  # slower expires on maps, faster floods radios
-    simulated: bool = False  # marks every target as simulated or replayed
+    system_id: Annotated[int, Meta(ge=1, le=254, description="of all that is sent; 255 is the ground station's")] = 200
+    adsb_rate_hz: Annotated[
+        float, Meta(ge=0.5, le=5, description="ADSB_VEHICLE a second: slower expires on maps, faster floods radios")
+    ] = 2.0
+    simulated: Annotated[bool, Meta(description="marks every target as simulated or replayed")] = False
     endpoint: list[EndpointSection] = []
 
 
 class RecordingSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The recording of everything received and sent."""
 
-    folder: str | None = None  # None: nothing is recorded
-    max_file_mb: Annotated[int, Meta(ge=1, le=1_000_000)] = 2000  # then a new file is begun
-    min_free_mb: Annotated[int, Meta(ge=1, le=1_000_000)] = 500  # less free on the disk: stop recording, go on tracking
+    folder: Annotated[str | None, Meta(description="left out: nothing is recorded")] = None
+    max_file_mb: Annotated[int, Meta(ge=1, le=1_000_000, description="megabytes, then a new file is begun")] = 2000
+    min_free_mb: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=1_000_000,
+            description="megabytes; less free on the disk: recording stops, tracking goes on",
+        ),
+    ] = 500
 
 
 class StatusSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the station tells how it is over HTTP: /status.json, /metrics and, with the extra `page`, the page."""
 
-    host: str = "127.0.0.1"  # another address than this machine's own needs a token
-    port: Port | None = 8080  # 0 in the file, None here: no HTTP
-    page: bool = True  # the operator's page, in a process of its own that starts when somebody looks
-    token_file: str | None = None  # file of 16 characters or more, mode 0600; whoever looks must know them
-    tiles: str | None = None  # folder of map tiles, Z/X/Y.png in Web Mercator, for the map's background
+    host: Annotated[str, Meta(min_length=1, description="another address than this machine's own needs a token")] = (
+        "127.0.0.1"
+    )
+    port: Annotated[Annotated[int, Meta(ge=0, le=65535)] | None, Meta(description="0: no HTTP")] = 8080
+    page: Annotated[
+        bool, Meta(description="the operator's page, in a process of its own that starts when somebody looks")
+    ] = True
+    token_file: Annotated[
+        str | None,
+        Meta(description="file of 16 characters or more, mode 0600; whoever looks must know them"),
+    ] = None
+    tiles: Annotated[
+        str | None, Meta(description="folder of map tiles, Z/X/Y.png in Web Mercator, for the map's background")
+    ] = None
 
 
 class BaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All of base.toml."""
 
     site: SiteSection
-    camera: list[CameraSection]
-    state_folder: str = "/var/lib/skyfix"  # network.toml, counters of starts, signing time: must survive a power cut
+    camera: Annotated[list[CameraSection], Meta(description="one [[camera]] each, at least three")]
+    state_folder: Annotated[
+        str,
+        Meta(
+            min_length=1,
+            description="the calibration, counters of starts, signing time: must survive a power cut",
+        ),
+    ] = "/var/lib/skyfix"
     link: LinkSettings = BASE_LINK  # boxes dial in here, or the router that this station dials
     receiver: ReceiverSection | None = None
     calibration: CalibrationSection = CalibrationSection()

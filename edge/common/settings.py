@@ -78,13 +78,17 @@ def _explain(message: str, tree: dict[str, Any], kind: type[msgspec.Struct], whe
         return _unknown_key(unknown["key"], path, kind, where)
     if missing := _MISSING.search(message):
         key = _join(path, missing["key"])
-        allowed = describe(_type_at(kind, f"{path}.{missing['key']}"))
-        return ConfigError(f"key {key} is missing", where=where, action=f"add it: {allowed}")
+        wanted = _in_words(_type_at(kind, f"{path}.{missing['key']}"))
+        return ConfigError(f"key {key} is missing", where=where, action=f"add it: {wanted}")
     key = path.lstrip(".") or "(the whole file)"
-    allowed = describe(_type_at(kind, path))
     value = _value_at(tree, path)
     fault = f"key {key} = {value!r} is not allowed ({said[:1].lower()}{said[1:]})"
-    return ConfigError(fault, where=where, action=f"give {allowed}")
+    return ConfigError(fault, where=where, action=f"give {_in_words(_type_at(kind, path))}")
+
+
+def _in_words(kind: inspect.Type) -> str:
+    note = description(kind)
+    return f"{allowed(kind)} ({note})" if note else allowed(kind)
 
 
 def _unknown_key(key: str, path: str, kind: type[msgspec.Struct], where: str) -> ConfigError:
@@ -145,58 +149,65 @@ def _value_at(tree: object, path: str) -> object:
     return tree
 
 
+def description(kind: inspect.Type) -> str:
+    """What a key is for: the sentence in its type, or that of its table; empty if nobody wrote one."""
+    if isinstance(kind, inspect.Metadata):
+        return str((kind.extra_json_schema or {}).get("description", "")) or description(kind.type)
+    return " ".join((kind.cls.__doc__ or "").split()) if isinstance(kind, inspect.StructType) else ""
+
+
 @functools.singledispatch
-def describe(kind: inspect.Type) -> str:
+def allowed(kind: inspect.Type) -> str:
     """What a key may hold, in words."""
     return type(kind).__name__.removesuffix("Type").lower()
 
 
-@describe.register
+@allowed.register
 def _(kind: inspect.Metadata) -> str:
-    note = (kind.extra_json_schema or {}).get("description")
-    return f"{describe(kind.type)} ({note})" if note else describe(kind.type)
+    return allowed(kind.type)
 
 
-@describe.register
+@allowed.register
 def _(kind: inspect.UnionType) -> str:
-    return " or ".join(describe(option) for option in kind.types if not isinstance(option, inspect.NoneType))
+    return " or ".join(allowed(option) for option in kind.types if not isinstance(option, inspect.NoneType))
 
 
-@describe.register
+@allowed.register
 def _(kind: inspect.LiteralType) -> str:
     return "one of " + ", ".join(f'"{value}"' for value in kind.values)
 
 
-@describe.register(inspect.IntType)
-@describe.register(inspect.FloatType)
+@allowed.register(inspect.IntType)
+@allowed.register(inspect.FloatType)
 def _(kind: inspect.IntType | inspect.FloatType) -> str:
     word = "a whole number" if isinstance(kind, inspect.IntType) else "a number"
     limits = ((">", kind.gt), (">=", kind.ge), ("<", kind.lt), ("<=", kind.le))
-    bounds = " and ".join(f"{sign} {limit}" for sign, limit in limits if limit is not None)
+    bounds = " and ".join(f"{sign} {limit:.15g}" for sign, limit in limits if limit is not None)
     return f"{word} {bounds}".rstrip()
 
 
-@describe.register
+@allowed.register
 def _(kind: inspect.StrType) -> str:
     return f'text matching "{kind.pattern}"' if kind.pattern else "text"
 
 
-@describe.register
+@allowed.register
 def _(kind: inspect.BoolType) -> str:
     return "true or false"
 
 
-@describe.register
+@allowed.register
 def _(kind: inspect.StructType) -> str:
     return f"a table with {', '.join(_field_names(kind))}"
 
 
-@describe.register(inspect.VarTupleType)
-@describe.register(inspect.ListType)
+@allowed.register(inspect.VarTupleType)
+@allowed.register(inspect.ListType)
 def _(kind: inspect.VarTupleType | inspect.ListType) -> str:
-    return f"a list, each {describe(kind.item_type)}"
+    return f"a list, each {allowed(kind.item_type)}"
 
 
-@describe.register
+@allowed.register
 def _(kind: inspect.TupleType) -> str:
-    return f"[{', '.join(describe(item) for item in kind.item_types)}]"
+    items = [allowed(item) for item in kind.item_types]
+    return f"[{', '.join(items)}]" if len(set(items)) > 1 else f"a list of {len(items)}, each {items[0]}"

@@ -9,8 +9,9 @@ import re
 from typing import Annotated, Final, Literal
 
 import msgspec
+from msgspec import Meta
 
-Endpoint = Annotated[str, msgspec.Meta(pattern=r"^(tcp|tls|quic)/.+:\d{1,5}(#.+)?$")]
+Endpoint = Annotated[str, Meta(pattern=r"^(tcp|tls|quic)/.+:\d{1,5}(#.+)?$")]
 
 LOOPBACK_ENDPOINT: Final = "tcp/127.0.0.1:7447"  # Zenoh's own port; loopback, because development has no TLS
 
@@ -23,10 +24,10 @@ def is_loopback(endpoint: str) -> bool:
 class TlsSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The files that `base-station certs issue` makes, on this machine."""
 
-    authority: str  # authority.pem: whom we believe
-    certificate: str  # certificate.pem: who we are
-    key: str  # key.pem, mode 0600: the proof of it
-    access: str = ""  # access.json: who may say what; whoever listens needs it
+    authority: Annotated[str, Meta(min_length=1, description="authority.pem: whom we believe")]
+    certificate: Annotated[str, Meta(min_length=1, description="certificate.pem: who we are")]
+    key: Annotated[str, Meta(min_length=1, description="key.pem, mode 0600: the proof of it")]
+    access: Annotated[str, Meta(description="access.json: who may say what; whoever listens needs it")] = ""
 
 
 class LinkSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -35,11 +36,15 @@ class LinkSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     Two programs never dial each other: after a one-sided timeout such a pair can stay split for days.
     """
 
-    mode: Literal["peer", "client", "router"] = "peer"
-    connect: tuple[Endpoint, ...] = ()
-    listen: tuple[Endpoint, ...] = ()
+    mode: Annotated[
+        Literal["peer", "client", "router"], Meta(description="client: everything goes through a router")
+    ] = "peer"
+    connect: Annotated[tuple[Endpoint, ...], Meta(description="whom this program dials: PROTOCOL/HOST:PORT")] = ()
+    listen: Annotated[tuple[Endpoint, ...], Meta(description="where this program is dialled: PROTOCOL/HOST:PORT")] = ()
     tls: TlsSettings | None = None
-    insecure: bool = False  # listen without tls beyond this machine: for a bench, never for a hill
+    insecure: Annotated[
+        bool, Meta(description="listen without tls beyond this machine: for a bench, never for a hill")
+    ] = False
 
     def __post_init__(self) -> None:
         plain = [endpoint for endpoint in (*self.listen, *self.connect) if endpoint.startswith("tcp/")]

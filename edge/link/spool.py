@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import msgspec
 
@@ -35,10 +35,10 @@ ANSWER_BYTES: Final = 8_000  # of one reply: longer ones delay what is live; 64 
 
 
 class SpoolSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the observations of the last hours are kept, and how much of them: 500 MB is about nine hours at 30 Hz."""
+    """Where the observations of one camera are kept, and how much of them: 500 MB is about nine hours at 30 Hz."""
 
-    file: str = "/var/lib/skyfix/spool.sqlite"
-    max_mb: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] = 500
+    file: str
+    max_mb: int
 
 
 class SpoolCounters(msgspec.Struct, frozen=True, kw_only=True):

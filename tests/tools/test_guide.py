@@ -7,10 +7,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
+from msgspec import inspect
 
+from calib.station.commands.router import RouterConfig
+from calib.station.config import BaseConfig
+from edge.common import settings
+from edge.config import BoxConfig
 from tests.places import ROOT
-from tools.guide import GUIDE, PARTS, filled
+from tools.guide import GUIDE, PARTS, filled, keys, tables
 
 TEXT = GUIDE.read_text()
 PROGRAMS = {"edge-node": "edge.app", "base-station": "calib.station.app"}
@@ -29,6 +35,26 @@ def environment() -> dict[str, str]:
 
 def test_the_generated_tables_are_up_to_date() -> None:
     assert filled(TEXT) == TEXT, "run `python -m tools.guide`"
+
+
+@pytest.mark.parametrize("kind", [BoxConfig, BaseConfig, RouterConfig])
+def test_every_key_says_what_it_is_and_every_number_its_bounds(kind: type[msgspec.Struct]) -> None:
+    for path, section in tables(kind):
+        assert settings.description(section), path
+        for field in keys(section):
+            assert settings.description(field.type), f"[{path}] {field.encode_name} has no description"
+            for number in numbers(field.type):
+                low, high = (number.ge, number.gt), (number.le, number.lt)
+                assert low != (None, None), f"[{path}] {field.encode_name} has no lower bound"
+                assert high != (None, None), f"[{path}] {field.encode_name} has no upper bound"
+
+
+def numbers(kind: inspect.Type) -> list[inspect.IntType | inspect.FloatType]:
+    if isinstance(kind, inspect.IntType | inspect.FloatType):
+        return [kind]
+    parts = [getattr(kind, name) for name in ("type", "item_type") if hasattr(kind, name)]
+    parts += [*getattr(kind, "types", ()), *getattr(kind, "item_types", ())]
+    return [number for part in parts for number in numbers(part)]
 
 
 def test_a_guide_without_a_place_for_a_table_is_an_error() -> None:

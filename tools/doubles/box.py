@@ -112,7 +112,7 @@ def play(options: argparse.Namespace, stop: threading.Event) -> None:
     shift_ns = round(options.start * 1e9) - began_ns
     with Link(link_settings(options), name=camera) as link:
         requests = link.serve(camera_key(site, camera, "backlog"))
-        with Spool(SpoolSettings(file=str(options.spool)), requests) as spool:
+        with Spool(SpoolSettings(file=str(options.spool), max_mb=500), requests) as spool:
             link.set_state(camera_key(site, camera, "lens"), player.lens_message())
             link.declare_presence(camera_key(site, camera))
             seq = 0

@@ -11,16 +11,17 @@ import signal
 import threading
 import time
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
+from msgspec import Meta
 
 from edge.common.settings import load
 from edge.common.systemd_notify import Notifier
 from edge.link.link import Link
 from edge.link.settings import LinkSettings
 from edge.link.zenoh_log import ZenohLog
-from edge.messages import Health, site_key
+from edge.messages import Health, Name, site_key
 
 log = logging.getLogger("skyfix.router")
 
@@ -30,7 +31,7 @@ TURN_S: Final = 1.0
 class RouterConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All of router.toml: the site's name, and the link's `connect`, `listen` and `tls`."""
 
-    site: str
+    site: Annotated[Name, Meta(description="the same as on boxes and base; a headquarters' router has its own")]
     link: LinkSettings
 
 

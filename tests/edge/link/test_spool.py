@@ -90,7 +90,7 @@ def test_answers_cover_what_was_asked_exactly_once(kept: list[int], first: int, 
     st.dictionaries(st.sampled_from(["epoch", "first", "last", "x"]), st.one_of(st.text(max_size=30), st.integers()))
 )
 def test_no_question_ends_the_spool(parameters: dict[str, object]) -> None:
-    spool = Spool(SpoolSettings(file="/nonexistent"), Inbox(8))
+    spool = Spool(SpoolSettings(file="/nonexistent", max_mb=1), Inbox(8))
     question = Question(**parameters)
     spool._answer(question)  # type: ignore[arg-type]
     assert question.answers is not None or spool.counters.bad_requests == 1
@@ -120,7 +120,7 @@ def test_a_disk_that_refuses_costs_nothing_but_memory(tmp_path: Path, until: Unt
     blocked = tmp_path / "file_not_folder"
     blocked.write_text("")
     requests: Inbox[Request] = Inbox(8)
-    with Spool(SpoolSettings(file=str(blocked / "spool.sqlite")), requests) as spool:
+    with Spool(SpoolSettings(file=str(blocked / "spool.sqlite"), max_mb=1), requests) as spool:
         for seq in range(20):
             spool.keep(*row(seq))
         assert until(lambda: spool.error)
@@ -145,7 +145,7 @@ import sys, time
 from edge.link.inbox import Inbox
 from edge.link.request import Request
 from edge.link.spool import Spool, SpoolSettings
-with Spool(SpoolSettings(file=sys.argv[1]), Inbox(8)) as spool:
+with Spool(SpoolSettings(file=sys.argv[1], max_mb=1), Inbox(8)) as spool:
     for seq in range(100000):
         spool.keep(1, seq, 1700000000000000000, b'{"n":%d,' % seq + b'"pad":0}')
         if seq % 10 == 0:

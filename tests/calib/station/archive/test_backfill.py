@@ -41,7 +41,7 @@ def rooms(endpoint: str, tmp_path: Path) -> Iterator[tuple[Link, Spool]]:
     with ExitStack() as stack:
         base = stack.enter_context(Link(LinkSettings(listen=(endpoint,)), name="base"))
         box = stack.enter_context(Link(LinkSettings(connect=(endpoint,)), name="box"))
-        settings = SpoolSettings(file=str(tmp_path / "spool.sqlite"))
+        settings = SpoolSettings(file=str(tmp_path / "spool.sqlite"), max_mb=100)
         yield base, stack.enter_context(Spool(settings, box.serve(KEY)))
 
 
