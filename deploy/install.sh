@@ -164,6 +164,7 @@ lay_configuration() {    # templates where there is nothing yet
         local template="$PREFIX/current/deploy/$name.example.toml"
         [ "$role" = router ] && template="$PREFIX/current/deploy/router/router.example.toml"
         install -m 0640 -o root -g skyfix "$template" "$CONFIG/$name.toml"
+        sed -i "1s|^#:schema .*schema/|#:schema $PREFIX/current/deploy/schema/|" "$CONFIG/$name.toml"
         say "wrote $CONFIG/$name.toml: edit it"
     fi
     if [ "$role" = base ] && [ ! -e "$CONFIG/mavlink.key" ]; then

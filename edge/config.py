@@ -6,7 +6,7 @@ another frame rate. `deploy/edge.example.toml` shows every key; a test holds tha
 """
 
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta
@@ -77,7 +77,7 @@ class LensConfig(Section, frozen=True, kw_only=True):
         Annotated[float, Meta(gt=0, le=1e5)] | None,
         Meta(description="one sigma of fx and fy; left out: a hundredth of them"),
     ] = None
-    report: Annotated[dict[str, object], Meta(description="how the lens was measured; not read")] = {}
+    report: Annotated[dict[str, Any], Meta(description="how the lens was measured; not read")] = {}
 
 
 class DetectorConfig(Section, frozen=True, kw_only=True):

@@ -1,9 +1,11 @@
-"""Write the JSON Schema of every message to deploy/schema, for those who talk to Skyfix in another language.
+"""Write the JSON Schema of every message and of every configuration file to deploy/schema.
 
     python -m tools.schema          write them
     python -m tools.schema --check  say which are out of date, exit 1 if any is
 
-The schemas are generated from the structs in edge/messages.py and never edited; a test holds that they agree.
+Those of messages are for programs that talk to Skyfix in another language; those of configuration files for editors,
+which complete keys, show what they mean and mark what is not allowed (the `#:schema` line at the top of the examples).
+All are generated from the structs and never edited; a test holds that they agree.
 """
 
 import argparse
@@ -13,22 +15,29 @@ from typing import Final
 
 import msgspec
 
+from calib.station.commands.router import RouterConfig
+from calib.station.config import BaseConfig
+from edge.config import BoxConfig, LensConfig
 from edge.messages import MESSAGES, VERSION, Backlog, Inventory, json_schema
 
 FOLDER: Final = Path(__file__).parents[1] / "deploy" / "schema"
+CONFIGURATIONS: Final[dict[str, type[msgspec.Struct]]] = {
+    "edge.toml": BoxConfig,
+    "base.toml": BaseConfig,
+    "router.toml": RouterConfig,
+    "lens.toml": LensConfig,
+}
 
 
 def schemas() -> dict[str, str]:
     """The text of every schema file, by file name."""
-    kinds: set[type[msgspec.Struct]] = {*MESSAGES.values(), Backlog, Inventory}
-    return {f"{kind.__name__}.json": _text(kind) for kind in sorted(kinds, key=lambda kind: kind.__name__)}
+    messages: set[type[msgspec.Struct]] = {*MESSAGES.values(), Backlog, Inventory}
+    named = {f"{VERSION}/{kind.__name__}": kind for kind in messages} | CONFIGURATIONS
+    return {f"{name.rpartition('/')[2]}.json": _text(name, kind) for name, kind in sorted(named.items())}
 
 
-def _text(kind: type[msgspec.Struct]) -> str:
-    schema = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": f"skyfix/{VERSION}/{kind.__name__}.json",
-    }
+def _text(name: str, kind: type[msgspec.Struct]) -> str:
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"skyfix/{name}.json"}
     return msgspec.json.format(msgspec.json.encode(schema | json_schema(kind)), indent=2).decode() + "\n"
 
 
@@ -41,7 +50,9 @@ def out_of_date(folder: Path) -> list[str]:
 
 def main() -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(description="Write the JSON Schema of every message to deploy/schema.")
+    parser = argparse.ArgumentParser(
+        description="Write the JSON Schema of messages and configuration files to deploy/schema."
+    )
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if a file is out of date")
     if parser.parse_args().check:
         stale = out_of_date(FOLDER)
