@@ -6,19 +6,24 @@ from pathlib import Path
 from typing import Final
 
 import cv2
+import msgspec
 import numpy as np
+import tomli_w
 
 from edge.boards import Board, BoardView, parse_board
 from edge.capture.files import IMAGE_SUFFIXES, VideoFile
 from edge.capture.frame import Image
 from edge.common.atomic import write_atomically
 from edge.common.errors import LensError, SourceError
+from edge.config import LensConfig
 from edge.lens_fit import LensFit, fit_lens
 
 VIDEO_PICTURES: Final = 40  # taken from a video, evenly: more only repeat each other
 EMPTY_CELLS_WARN: Final = 0.35  # share of the image without a corner beyond which the lens is guessed there
 SHADES: Final = " .:+#"  # coverage, from none to plenty
 PLENTY: Final = 16  # corners in a cell
+PROVENANCE: Final = "# Written by `edge-node lens`.\n"
+LEAST_FOCAL_SIGMA_PX: Final = 1e-3  # a board rendered without noise has less, and the reader wants more than 0
 
 
 def measure(arguments: argparse.Namespace) -> str:
@@ -109,33 +114,26 @@ def _shade(count: float) -> str:
 
 
 def lens_toml(fit: LensFit, missed: dict[str, str]) -> str:
-    """The lens file."""
+    """The lens file: the table that the configuration reads, and how it came about."""
     lens = fit.lens
-    lines = [
-        "# Written by `edge-node lens`.",
-        f'model = "{lens.model}"',
-        f"intrinsics = {_numbers(lens.intrinsics)}",
-        f"distortion = {_numbers(lens.distortion)}",
-        f"size_px = [{lens.size_px[0]}, {lens.size_px[1]}]",
-        f"rms_px = {fit.rms_px:.4f}",
-        f"focal_sigma_px = {max(lens.focal_sigma_px or 0.0, 1e-3):.4f}",
-        "",
-        "[report]",
-        f"pictures = {len(fit.view_rms_px)}",
-        f"held_out_rms_px = {fit.held_out_rms_px:.4f}",
-        f"coverage = {float(np.mean(fit.coverage > 0)):.3f}",
-        "",
-        "[report.left_out]",
-    ]
-    lines += [f"{_quoted(name)} = {_quoted(reason)}" for name, reason in {**missed, **fit.rejected}.items()]
-    lines += ["", "[report.view_rms_px]"]
-    lines += [f"{_quoted(name)} = {rms:.4f}" for name, rms in fit.view_rms_px.items()]
-    return "\n".join(lines) + "\n"
+    fx, fy, cx, cy = map(_rounded, lens.intrinsics)
+    table = LensConfig(
+        model=lens.model,
+        intrinsics=(fx, fy, cx, cy),
+        distortion=tuple(map(_rounded, lens.distortion)),
+        size_px=lens.size_px,
+        rms_px=round(fit.rms_px, 4),
+        focal_sigma_px=round(max(lens.focal_sigma_px or 0.0, LEAST_FOCAL_SIGMA_PX), 4),
+        report={
+            "pictures": len(fit.view_rms_px),
+            "held_out_rms_px": round(fit.held_out_rms_px, 4),
+            "coverage": round(float(np.mean(fit.coverage > 0)), 3),
+            "left_out": {**missed, **fit.rejected},
+            "view_rms_px": {name: round(rms, 4) for name, rms in fit.view_rms_px.items()},
+        },
+    )
+    return PROVENANCE + tomli_w.dumps(msgspec.to_builtins(table))
 
 
-def _numbers(values: Sequence[float]) -> str:
-    return "[" + ", ".join(repr(float(f"{value:.9g}")) for value in values) + "]"
-
-
-def _quoted(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+def _rounded(value: float) -> float:
+    return float(f"{value:.9g}")

@@ -348,6 +348,16 @@ def test_both_forms_of_data_yaml_are_read(tmp_path: Path, text: str) -> None:
     assert read_names(tmp_path) == ["drone", "bird"]
 
 
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [("names: [drone", "is not YAML"), ("names:\n", "no class names"), ("- drone\n", "no class names")],
+)
+def test_a_data_yaml_without_names_is_refused(tmp_path: Path, text: str, what: str) -> None:
+    (tmp_path / "data.yaml").write_text(text)
+    with pytest.raises(SourceError, match=what):
+        read_names(tmp_path)
+
+
 def test_material_adds_up() -> None:
     one = Material([Patch(np.zeros((8, 8, 3), np.uint8), ())], [], [])
     cutout = Cutout(np.ones((1, 1), np.float32), np.ones((1, 1), np.float32), (0, 0), (1, 1), (0, 0))

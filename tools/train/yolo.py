@@ -6,13 +6,13 @@ three, so say how far apart the pictures are: with `step` 3, images k, k - 3 and
 With `step` 0 they are stills; what can be lifted off a plain sky is set in motion by the composer.
 """
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import cv2
 import numpy as np
+import yaml
 
 from edge.common.errors import SourceError
 from tools.train.footage import Loose, Material, take
@@ -34,7 +34,7 @@ def read_names(folder: Path) -> list[str]:
     if (folder / "classes.txt").is_file():
         names = (folder / "classes.txt").read_text().split("\n")
     elif (folder / "data.yaml").is_file():
-        names = _yaml_names((folder / "data.yaml").read_text())
+        names = _yaml_names(folder / "data.yaml")
     else:
         names = []
     names = [name.strip().lower() for name in names if name.strip()]
@@ -43,14 +43,15 @@ def read_names(folder: Path) -> list[str]:
     return [SAME_AS.get(name, name) for name in names]
 
 
-def _yaml_names(text: str) -> list[str]:
-    """The `names` of a data.yaml, in either of its two forms: a list in brackets, or `number: name` lines."""
-    listed = re.search(r"^names:\s*\[(.*?)\]", text, re.MULTILINE | re.DOTALL)
-    if listed:
-        return [name.strip(" '\"\n") for name in listed.group(1).split(",")]
-    block = re.search(r"^names:\s*\n((?:\s+.*\n?)+)", text, re.MULTILINE)
-    lines = block.group(1).splitlines() if block else []
-    return [re.sub(r"^\s*(\d+:|-)\s*", "", line).strip(" '\"") for line in lines]
+def _yaml_names(file: Path) -> list[str]:
+    """The `names` of a data.yaml: a list, or a table by number. Raises SourceError if it is no YAML."""
+    try:
+        tree = yaml.safe_load(file.read_text())
+    except yaml.YAMLError as error:
+        raise SourceError(f"is not YAML ({error})", where=str(file), action="correct it, or add classes.txt") from error
+    names = tree.get("names") or [] if isinstance(tree, dict) else []
+    ordered = [names[number] for number in sorted(names)] if isinstance(names, dict) else names
+    return [str(name) for name in ordered]
 
 
 def all_classes(names: list[str]) -> tuple[str, ...]:
