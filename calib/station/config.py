@@ -6,7 +6,7 @@ are refused, heights above sea level need the site's own undulation, and every c
 """
 
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta
@@ -201,6 +201,12 @@ class BaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     calibration: CalibrationSection = CalibrationSection()
     tracking: TrackingSection = TrackingSection()
     mavlink: MavlinkSection = MavlinkSection()
+    output: Annotated[
+        dict[Name, dict[str, Any]],
+        Meta(
+            description="further outputs, each [output.NAME]: a folder of the program, or `module` as Python imports it"
+        ),
+    ] = {}
     recording: RecordingSection = RecordingSection()
     status: StatusSection = StatusSection()
 

@@ -45,7 +45,7 @@ class Reporting(Protocol):
 
 @dataclass(frozen=True)
 class ReportRequest:
-    """A wish: the report on the job solved last, into this folder."""
+    """Write the report on the job solved last into this folder."""
 
     folder: Path
 

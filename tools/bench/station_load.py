@@ -16,7 +16,7 @@ from calib.station.archive.recording import Recorder
 from calib.station.config import BaseConfig, CameraSection, EndpointSection, MavlinkSection, SiteSection
 from calib.station.core.station import Station
 from calib.station.core.stored_state import StoredState
-from calib.station.outputs.mavlink.messages import Voice
+from calib.station.outputs.mavlink.messages import MavlinkContext
 from calib.station.outputs.mavlink.port import MavlinkPort
 from tools.doubles.box_messages import SITE, Sent, messages
 from tools.doubles.flight import ORIGIN, Scene, Spec, make
@@ -34,7 +34,7 @@ def station_for(scene: Scene) -> Station:
 def port() -> MavlinkPort:
     """Both profiles."""
     endpoint = EndpointSection(url="udp:127.0.0.1:9", profile=["gcs", "ecef"])
-    return MavlinkPort(endpoint, MavlinkSection(), Voice(ORIGIN, 1, undulation_m=47.0), None)
+    return MavlinkPort(endpoint, MavlinkSection(), MavlinkContext(ORIGIN, 1, undulation_m=47.0), None)
 
 
 def run(scene: Scene, stream: Iterator[Sent], folder: Path) -> tuple[np.ndarray, int]:

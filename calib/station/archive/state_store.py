@@ -6,10 +6,8 @@ thread of its own writes; and a number given twice, so numbers are put aside by 
 
 import logging
 import queue
-import threading
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 import msgspec
 
@@ -17,6 +15,7 @@ from calib.errors import CalibrationError
 from calib.network import Network, from_toml, to_toml
 from calib.station.core.stored_state import StoredState
 from edge.common.atomic import write_atomically
+from edge.common.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
@@ -24,6 +23,8 @@ TRACKS_ASIDE: Final = 100  # numbers put aside at each writing
 TICKS_ASIDE: Final = 60 * 100_000  # signing time: a minute, in ticks of 10 us; the file is written once a minute
 EPOCHS: Final = 65_536  # the field on the wire has 16 bits
 MARK: Final = "# fingerprint "
+REPORT_FOLDER: Final = "report"  # below the state folder: the report on the calibration in force
+CLOSE_S: Final = 1.5
 
 
 class _Counters(msgspec.Struct):
@@ -32,25 +33,15 @@ class _Counters(msgspec.Struct):
     signing_ticks: int = 0
 
 
-class StateStore:
+class StateStore(OwnThread):
     """Loads the memory, counts this start, and from then on writes what changes, in a thread of its own."""
 
     def __init__(self, folder: Path) -> None:
+        super().__init__("keeper", CLOSE_S)
         self._folder = folder
         self._counters = _Counters()
         self._queue: queue.SimpleQueue[tuple[Path, bytes] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._write_all, name="keeper", daemon=True)
         self.fault = ""
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._queue.put(None)
-        self._thread.join(1.5)
 
     def load(self, cameras: set[str]) -> StoredState:
         """What an earlier run left; a network of other cameras, or a damaged one, is not believed."""
@@ -102,9 +93,12 @@ class StateStore:
             return None
         return network
 
-    def _write_all(self) -> None:
+    def _run(self) -> None:
         while (item := self._queue.get()) is not None:
             self._write(*item)
+
+    def _wake(self) -> None:
+        self._queue.put(None)  # behind all that is still to be written
 
     def _write(self, path: Path, content: bytes) -> None:
         try:

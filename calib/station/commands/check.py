@@ -9,6 +9,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,7 +20,8 @@ from calib.station.archive.state_store import StateStore
 from calib.station.commands.arguments import add_config, folder_of
 from calib.station.config import MIN_CAMERAS, BaseConfig, load
 from calib.station.core.positions import with_survey
-from calib.station.outputs.mavlink.broadcast import Broadcast
+from calib.station.core.stored_state import StoredState
+from calib.station.outputs.registry import OutputHost, open_output, wanted
 from edge.common.errors import ConfigError
 from edge.link.health import check_security
 
@@ -61,7 +63,7 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
         yield _disk(folder / config.recording.folder, config.recording.min_free_mb)
     else:
         yield Line("WARN", "recording", "off", "set [recording] folder to be able to solve again afterwards")
-    yield from _mavlink(config, folder)
+    yield from _outputs(config, folder)
     security = check_security(config.link, dt.datetime.now(dt.UTC))
     yield Line(VERDICTS[security.level], security.name, security.reason, security.action)
     for endpoint in config.link.listen:
@@ -93,16 +95,19 @@ def _memory(config: BaseConfig, folder: Path) -> Iterator[Line]:
         yield Line("PASS", "stored calibration", f"{len(network.cameras)} cameras, {network.fingerprint}")
 
 
-def _mavlink(config: BaseConfig, folder: Path) -> Iterator[Line]:
-    if not config.mavlink.endpoint:
-        yield Line("WARN", "mavlink", "no endpoint: nothing is sent", "add [[mavlink.endpoint]]")
-    for endpoint in config.mavlink.endpoint:
-        one = msgspec.structs.replace(config.mavlink, endpoint=[endpoint])
+def _outputs(config: BaseConfig, folder: Path) -> Iterator[Line]:
+    """Each receiver by itself: opened as the station opens it, and closed again."""
+    host = OutputHost(config.site, folder, StoredState(), lambda _topic, _payload: None, lambda _ticks: None)
+    outputs = wanted(config)
+    if not outputs:
+        yield Line("WARN", "output", "none: nothing is sent", "add [[mavlink.endpoint]] or [output.NAME]")
+    for one in (each for output in outputs for each in output.one_by_one()):
         try:
-            with Broadcast(msgspec.structs.replace(config, mavlink=one), folder, 1, 0, lambda _url, _frame: None):
-                yield Line("PASS", f"mavlink {endpoint.url}", "+".join(endpoint.profile))
+            with ExitStack() as stack:
+                status = open_output(one, host, stack).status
+                yield Line("PASS", one.title, "+".join(each.content for each in status) or "opened")
         except ConfigError as error:
-            yield Line("FAIL", f"mavlink {endpoint.url}", error.what, error.action)
+            yield Line("FAIL", one.title, error.what, error.action)
 
 
 def _writable(name: str, folder: Path) -> Line:

@@ -42,6 +42,7 @@ SLOW_NS: Final = NS  # health, network, plans
 UNDISCIPLINED_S: Final = 0.05  # s: a camera that says nothing of its clock wanders by so much between calibrations
 LEAST_SIGMA_PX: Final = 0.2  # of a detector that finds none: what an adjustment can tell from a flight's own freedom
 REMEMBERED: Final = 1000  # targets; more than ever fly at once
+UNASKED_HZ: Final = 50.0  # how often a target is worked out where no output says how often it wants one
 IDLE_NS: Final = NS // 4  # without a frame for so long, time passes by the clock alone
 
 
@@ -52,14 +53,17 @@ class Tick:
     targets: list[OutgoingTarget] = field(default_factory=list)
     publish: list[tuple[str, msgspec.Struct]] = field(default_factory=list)
     job: SolveJob | None = None
-    texts: list[tuple[str, str]] = field(default_factory=list)  # health level, sentence
+    texts: list[tuple[HealthLevel, str]] = field(default_factory=list)  # health level, sentence
     slow: bool = False
 
 
 class Station:
     """All that a station knows."""
 
-    def __init__(self, config: BaseConfig, cameras: dict[str, CameraSection], memory: StoredState) -> None:
+    def __init__(
+        self, config: BaseConfig, cameras: dict[str, CameraSection], memory: StoredState, rate_hz: float = UNASKED_HZ
+    ) -> None:
+        """rate_hz: the fastest rate at which any output wants a target."""
         self.config = config
         names = list(cameras)
         tracking = config.tracking
@@ -88,7 +92,7 @@ class Station:
         self._starts: dict[str, int] = {}
         self._said_s: dict[int, float] = {}
         # A tenth early is not early: frames come at their own rate.
-        self._said_every_s = 0.9 / max((endpoint.rate_hz for endpoint in config.mavlink.endpoint), default=50.0)
+        self._said_every_s = 0.9 / rate_hz
         self._fast_ns = self._slow_ns = self._frame_ns = self._guard_ns = 0
         self._told: tuple[str, str] = ("", "")
         self._levels: dict[str, str] = {}
@@ -143,7 +147,7 @@ class Station:
         return self._border.cross(estimates, tracker.network.origin)
 
     def _due(self, track: int, newest_s: float) -> bool:
-        """Whether any endpoint wants this target again; saying it at every ray would cost more than tracking it."""
+        """Whether any output wants this target again; saying it at every ray would cost more than tracking it."""
         if 0.0 <= newest_s - self._said_s.get(track, -np.inf) < self._said_every_s:
             return False
         if len(self._said_s) > REMEMBERED:
@@ -345,10 +349,10 @@ class Station:
         self.health = self._board.update(now_unix_ns, checks + self.extra_checks, counters)
         return self.health
 
-    def _news(self) -> list[tuple[str, str]]:
+    def _news(self) -> list[tuple[HealthLevel, str]]:
         """What changed since the last time, in sentences."""
         assert self.health is not None
-        texts: list[tuple[str, str]] = []
+        texts: list[tuple[HealthLevel, str]] = []
         for item in self.health.items:
             if self._levels.get(item.name, "ok") != item.level:
                 words = item.reason if item.level != "ok" else "well again"

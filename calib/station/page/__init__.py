@@ -6,6 +6,5 @@ live.py        what has been fed, and what a browser gets of it (pure)
 steps.py       survey, aim, check, calibrate, go: where we stand and what to do (pure)
 words.py       status as HTML: steps, pairs, checks, cameras (pure)
 past.py        recordings: which there are, and how it looked at an instant
-access.py      who may look (pure)
 server.py      NiceGUI around all that; static/ holds the map's script and the style
 """

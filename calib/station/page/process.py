@@ -21,7 +21,7 @@ import msgspec
 
 from calib.station.config import StatusSection
 from calib.station.page import wire
-from calib.station.page.access import read_token
+from calib.station.status.access import read_token
 from calib.station.status.status import StationStatus, prometheus
 from edge.common.errors import ConfigError
 
@@ -32,7 +32,6 @@ QUICK_S: Final = 0.25  # between two states while somebody looks
 AGAIN_S: Final = 5.0  # before a page that died is started again
 STOP_S: Final = 1.0
 LIBRARY: Final = "nicegui"
-REPORT_FOLDER: Final = "report"  # below the state folder: the report on the calibration in force
 
 
 def available() -> bool:
@@ -131,10 +130,10 @@ class PageProcess:
             self._sent_s[name] = now_s
             self._send(name, payload)
 
-    def wishes(self) -> list[wire.Wish]:
+    def commands(self) -> list[wire.OperatorCommand]:
         """What the operator wants; and the moment to start a page that somebody waits for. Call it once a turn."""
         self._look_after()
-        found: list[wire.Wish] = []
+        found: list[wire.OperatorCommand] = []
         while self._feed is not None:
             try:
                 packet = self._feed.recv(wire.LARGEST)
@@ -146,9 +145,9 @@ class PageProcess:
             if not packet:
                 break
             try:
-                found.append(msgspec.json.decode(packet, type=wire.Wish))
+                found.append(msgspec.json.decode(packet, type=wire.OperatorCommand))
             except msgspec.MsgspecError as error:
-                log.warning("page: a wish that is none (%s)", error)
+                log.warning("page: a command that is none (%s)", error)
         return found
 
     # Its life

@@ -63,8 +63,8 @@ class Page:
                 log.warning("page: %s", error)
         self._ended.set()
 
-    def wish(self, what: wire.Wish) -> None:
-        """Tell the station. A station that is too busy to hear is asked again by the operator."""
+    def command(self, what: wire.OperatorCommand) -> None:
+        """Send the operator's command. A station that is too busy to take it is asked again by the operator."""
         with contextlib.suppress(BlockingIOError):
             self.feed.send(msgspec.json.encode(what))
 
@@ -250,7 +250,7 @@ def _map(*, tiles: bool) -> None:
 def _setup(page: Page) -> None:
     with ui.element("main"):
         _words(lambda: _if_known(page, words.step_list))
-        _button("Calibrate now", lambda: page.wish(wire.Wish(do="calibrate")))
+        _button("Calibrate now", lambda: page.command(wire.OperatorCommand(do="calibrate")))
         _words(lambda: _report_link(page))
         ui.html("<h2>Pairs of cameras</h2>", sanitize=False)
         _words(lambda: _if_known(page, lambda status: words.pair_matrix(status, page.live.focal_px())))
@@ -297,7 +297,7 @@ def _card(page: Page, name: str) -> None:
         return next(camera for camera in page.live.status.cameras if camera.id == name)
 
     def toggle() -> None:
-        page.wish(wire.Wish(do="unmute" if find().muted else "mute", camera=name))
+        page.command(wire.OperatorCommand(do="unmute" if find().muted else "mute", camera=name))
 
     with ui.element("section").classes("card"):
         ui.html(
@@ -321,8 +321,8 @@ def _recordings(page: Page, name: str) -> None:
     with ui.element("main"):
         _words(lambda: _if_known(page, words.recording))
         with ui.row():
-            _button("Start recording", lambda: page.wish(wire.Wish(do="record")))
-            _button("Stop recording", lambda: page.wish(wire.Wish(do="stop")))
+            _button("Start recording", lambda: page.command(wire.OperatorCommand(do="record")))
+            _button("Stop recording", lambda: page.command(wire.OperatorCommand(do="stop")))
         folder = page.recordings()
         _words(lambda: words.recordings([] if folder is None else listing(folder), name))
         if name:

@@ -5,14 +5,13 @@ cannot be judged yet is yellow, not green.
 """
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 from calib.station.config import MIN_CAMERAS
 from calib.station.status.status import CameraStatus, StationStatus
 from edge.common.health import HealthLevel
 
 Level = Literal["ok", "warn", "fail"]
-SHARED_S: Final = 15  # s that two cameras saw something at once: enough to try (calibration.first_solve_s)
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,10 @@ def _aim(status: StationStatus) -> ChecklistStep:
         return ChecklistStep(
             "aim", "fail", f"no pictures from {_names(silent)}", "see Cameras: each says what is wrong with it"
         )
-    linked = {name for pair in status.pairs if pair.shared_s >= SHARED_S for name in (pair.one, pair.other)}
+    linked = {name for pair in status.pairs if pair.shared_s >= status.first_solve_s for name in (pair.one, pair.other)}
     alone = [camera for camera in status.cameras if camera.id not in linked and not camera.calibrated]
     if alone:
-        reason = f"{_names(alone)}: not yet {SHARED_S} s of an object that another camera sees too"
+        reason = f"{_names(alone)}: not yet {status.first_solve_s:g} s of an object that another camera sees too"
         return ChecklistStep("aim", "warn", reason, "fly, or turn the camera, until it and another see the same object")
     return ChecklistStep("aim", "ok", "every camera shares an object with another")
 
@@ -84,7 +83,7 @@ def _go(status: StationStatus) -> ChecklistStep:
         return ChecklistStep("go", "fail", "nothing is sent before the station is calibrated", "calibrate first")
     if not status.endpoints:
         return ChecklistStep(
-            "go", "fail", "no MAVLink endpoint is configured", "add [[mavlink.endpoint]] to the configuration"
+            "go", "fail", "no output is configured", "add [[mavlink.endpoint]] or [output.NAME] to the configuration"
         )
     failing = [endpoint for endpoint in status.endpoints if endpoint.last_error and not endpoint.sent]
     if failing:

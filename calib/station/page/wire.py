@@ -15,7 +15,7 @@ LARGEST: Final = 1 << 17  # bytes: a status of 32 cameras is 40 kB, a preview 60
 BUFFER: Final = 1 << 20  # bytes: a second of everything
 
 
-class Wish(msgspec.Struct, frozen=True, kw_only=True):
+class OperatorCommand(msgspec.Struct, frozen=True, kw_only=True):
     """What the operator wants, from the page to the station."""
 
     do: Literal["mute", "unmute", "record", "stop", "calibrate"]

@@ -15,7 +15,7 @@ from edge.messages import Health
 WORDS: Final = {"ok": "good", "warn": "look", "fail": "wrong"}
 CHECKS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 PAIR_MRAD: Final = (2.0, 5.0)  # between two rays; a pixel is about 1 mrad, and beyond 5 one of the two is wrong
-SHARED_S: Final = (15, 3)  # s: enough to solve; next to nothing
+NEXT_TO_NOTHING: Final = 0.2  # of the seconds that a pair must share before it is solved from
 
 
 def light(level: str, words: dict[str, str] = WORDS) -> str:
@@ -55,7 +55,9 @@ def pair_matrix(status: StationStatus, focal_px: dict[str, float]) -> str:
     rows = []
     for camera in status.cameras:
         cells = [
-            _clock(camera) if other == camera.id else _pair(pairs.get(frozenset((camera.id, other))), focal_px)
+            _clock(camera)
+            if other == camera.id
+            else _pair(pairs.get(frozenset((camera.id, other))), focal_px, status.first_solve_s)
             for other in names
         ]
         rows.append(f'<tr><th scope="row">{escape(camera.id)}</th>{"".join(cells)}</tr>')
@@ -66,17 +68,18 @@ def pair_matrix(status: StationStatus, focal_px: dict[str, float]) -> str:
     )
 
 
-def pair_level(pair: PairStatus) -> str:
-    """How a pair is doing."""
+def pair_level(pair: PairStatus, first_solve_s: float) -> str:
+    """How a pair is doing. first_solve_s: what it must share before the first attempt (StationStatus)."""
     if pair.residual_mrad is not None:  # both are calibrated: now it counts how well they agree
         return "ok" if pair.residual_mrad <= PAIR_MRAD[0] else "warn" if pair.residual_mrad <= PAIR_MRAD[1] else "fail"
-    return "ok" if pair.shared_s >= SHARED_S[0] else "warn" if pair.shared_s >= SHARED_S[1] else "fail"
+    shared = pair.shared_s / first_solve_s
+    return "ok" if shared >= 1.0 else "warn" if shared >= NEXT_TO_NOTHING else "fail"
 
 
-def _pair(pair: PairStatus | None, focal_px: dict[str, float]) -> str:
+def _pair(pair: PairStatus | None, focal_px: dict[str, float], first_solve_s: float) -> str:
     if pair is None:
         return "<td>–</td>"
-    level = pair_level(pair)
+    level = pair_level(pair, first_solve_s)
     miss = "–"
     if pair.residual_mrad is not None:
         focal = [focal_px[name] for name in (pair.one, pair.other) if name in focal_px]
@@ -115,8 +118,8 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
         "clock": "unknown" if camera.clock_bound_s is None else f"within {1e3 * camera.clock_bound_s:.2g} ms",
         "objects a frame": f"{camera.detections_per_frame:.1f}",
         "frames lost": f"{camera.missed}",
-        "focus (higher is sharper)": items.get("focus", "not told"),
-        "temperature": items.get("temperature", "not told"),
+        "focus (higher is sharper)": items.get("focus", "unknown"),
+        "temperature": items.get("temperature", "unknown"),
         "dropped on the box": _counter(told, "frames_dropped", "{:.0f}"),
     }
     reason = camera.suspect or camera.reason
@@ -132,7 +135,7 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
 
 
 def _counter(counters: dict[str, float], name: str, form: str) -> str:
-    return form.format(counters[name]) if name in counters else "not told"
+    return form.format(counters[name]) if name in counters else "unknown"
 
 
 def _items(health: Health) -> str:

@@ -3,80 +3,45 @@
 The hazard is a browser that slows the tracker; so nothing is computed here, and the server has a thread of its own.
 """
 
-import logging
-import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Final
 
 import msgspec
 
-from calib.station.config import BaseConfig, StatusSection
-from calib.station.page.access import allowed, read_token
-from calib.station.page.process import REPORT_FOLDER, PageProcess, available
-from calib.station.page.wire import Wish
+from calib.station.config import StatusSection
+from calib.station.status.access import allowed, read_token
 from calib.station.status.status import StationStatus, prometheus
 from edge.common.errors import ConfigError
+from edge.common.own_thread import OwnThread
 
-log = logging.getLogger(__name__)
-
-
-def open_status(config: BaseConfig, folder: Path) -> "StatusServer | PageProcess":
-    """The page where it is wanted and its library is installed, else the bare status. Raises ConfigError."""
-    options, recordings = config.status, config.recording.folder
-    if not options.page or options.port is None:
-        return StatusServer(options, folder)
-    if not available():
-        log.info("no operator's page: its library is not installed (pip install 'skyfix[base,page]')")
-        return StatusServer(options, folder)
-    return PageProcess(
-        options,
-        folder,
-        config.site.name,
-        recordings=None if recordings is None else folder / recordings,
-        report=folder / config.state_folder / REPORT_FOLDER / "report.html",
-    )
+POLL_S: Final = 0.1  # how soon it notices that it is to stop
+CLOSE_S: Final = 1.0
 
 
-class StatusServer:
-    """Serves the status last shown. Port None: nothing is served."""
+class StatusServer(OwnThread):
+    """Serves the status last shown."""
 
     def __init__(self, options: StatusSection, folder: Path) -> None:
         """Raises ConfigError if the address cannot be had, or the token cannot be read."""
+        super().__init__("status", CLOSE_S)
         self._token = read_token(folder / options.token_file) if options.token_file else ""
         self._pages: dict[str, tuple[str, bytes]] = {}
-        self._server: ThreadingHTTPServer | None = None
-        if options.port is not None:
-            try:
-                self._server = ThreadingHTTPServer((options.host, options.port), self._handler())
-            except OSError as error:
-                raise ConfigError(
-                    f"{options.host}:{options.port} cannot be had ({error})",
-                    where="status.port",
-                    action="choose another port, or end the program that holds it",
-                ) from error
-            self._server.daemon_threads = True
-            self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), name="status", daemon=True)
+        try:
+            self._server = ThreadingHTTPServer((options.host, options.port or 0), self._handler())
+        except OSError as error:
+            raise ConfigError(
+                f"{options.host}:{options.port} cannot be had ({error})",
+                where="status.port",
+                action="choose another port, or end the program that holds it",
+            ) from error
+        self._server.daemon_threads = True
 
     @property
-    def port(self) -> int | None:
+    def port(self) -> int:
         """The port that is served."""
-        return None if self._server is None else int(self._server.server_address[1])
-
-    def __enter__(self) -> Self:
-        if self._server is not None:
-            self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._server is not None:
-            self._server.shutdown()
-            self._server.server_close()
-            self._thread.join(1.0)
+        return int(self._server.server_address[1])
 
     def show(self, status: StationStatus) -> None:
         """Serve this from now on."""
@@ -85,23 +50,13 @@ class StatusServer:
             "/metrics": ("text/plain; version=0.0.4", prometheus(status).encode()),
         }
 
-    # What only the page needs
+    def _run(self) -> None:
+        self._server.serve_forever(POLL_S)
+        self._server.server_close()
 
-    @property
-    def watched(self) -> bool:
-        """Nobody looks."""
-        return False
-
-    def due(self) -> bool:
-        """Nobody looks."""
-        return False
-
-    def feed(self, name: str, payload: bytes, *, keep: bool = False) -> None:
-        """Nobody is shown more."""
-
-    def wishes(self) -> list[Wish]:
-        """Nobody wishes anything."""
-        return []
+    def _wake(self) -> None:
+        if self._thread.is_alive():
+            self._server.shutdown()
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         server = self

@@ -1,9 +1,8 @@
 """The station's status, put together from its parts once a second."""
 
-from __future__ import annotations
-
-from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -11,68 +10,91 @@ from calib.geodesy import Origin, enu_to_geodetic
 from calib.station.core.calibration import Phase
 from calib.station.core.intake import CameraIntake
 from calib.station.core.outgoing import OutgoingTarget
+from calib.station.core.station import Station
 from calib.station.core.stream_clock import NS
-from calib.station.status.status import CameraStatus, PairStatus, StationStatus, TargetStatus
+from calib.station.status.status import CameraStatus, EndpointStatus, PairStatus, StationStatus, TargetStatus
 from edge import __version__
-
-if TYPE_CHECKING:
-    from calib.station.runner import Runner
 
 UPPER: Final = np.triu_indices(3)  # of a covariance, as it is published
 
 
-def snapshot(runner: Runner, now_ns: int) -> StationStatus:
-    """How everything is at now_ns."""
-    station = runner.station
+@dataclass(frozen=True)
+class StationView:
+    """What a status is made of: the station's core, and what the loop round it knows.
+
+    epoch: this start's number. began_ns: its instant. latency_ms: median and 99th percentile, received to sent.
+    recording, recording_folder: the file that is written now, and where it lies. free_mb: on that disk.
+    """
+
+    station: Station
+    epoch: int
+    began_ns: int
+    solving: bool
+    latency_ms: tuple[float, float] | None
+    endpoints: Sequence[EndpointStatus]
+    recording: str | None
+    recording_folder: str | None
+    free_mb: int | None
+    counters: Mapping[str, float]
+
+
+def snapshot(view: StationView, now_ns: int) -> StationStatus:
+    """How everything is at now_ns. The station's health must have been assessed before."""
+    station = view.station
     network, report = station.calibration.network, station.calibration.report
     now_unix_ns = station.now_unix_ns(now_ns)
     assert station.health is not None
     standing = station.standing
     return StationStatus(
-        site=runner.config.site.name,
+        site=station.config.site.name,
         version=__version__,
-        epoch=runner.epoch,
+        epoch=view.epoch,
         t_unix_ns=now_unix_ns,
-        uptime_s=(now_ns - runner.began_ns) / NS,
+        uptime_s=(now_ns - view.began_ns) / NS,
         phase=standing.phase.value,
         reason=standing.reason,
         action=standing.action,
+        first_solve_s=station.config.calibration.first_solve_s,
         origin=station.positions.origin if network is None else network.origin,
         network=None if network is None else network.fingerprint,
         rms_px=None if network is None else network.rms_px,
         sigma_m=None if report is None or standing.phase is Phase.COLLECTING else report.sigma_m,
-        solving=runner.worker.busy,
-        cameras=[_camera(runner, box, now_ns) for box in station.intake.cameras.values()],
-        pairs=[
-            PairStatus(
-                one=pair.one,
-                other=pair.other,
-                shared_s=pair.shared_s,
-                residual_mrad=station.guard.residual_mrad.get((pair.one, pair.other)),
-            )
-            for pair in station.calibration.pairs(station.window)
-        ],
+        solving=view.solving,
+        cameras=[_camera(station, box, now_ns) for box in station.intake.cameras.values()],
+        pairs=_pairs(station),
         targets=[] if network is None else _targets(station.current(now_unix_ns), network.origin),
         tentative=0 if station.tracker is None else station.tracker.tentative,
-        latency_ms=_median_and_late(runner.latencies_ms),
-        endpoints=runner.broadcast.status,
-        recording=_recording(runner),
-        recording_folder=None if runner.recordings is None else str(runner.recordings),
-        free_mb=runner.free_mb,
+        latency_ms=view.latency_ms,
+        endpoints=list(view.endpoints),
+        recording=view.recording,
+        recording_folder=view.recording_folder,
+        free_mb=view.free_mb,
         health=station.health,
-        counters=dict(sorted(station.health.counters.items())) | runner.counters,
+        counters=dict(sorted(station.health.counters.items())) | dict(view.counters),
     )
 
 
-def _camera(runner: Runner, box: CameraIntake, now_ns: int) -> CameraStatus:
-    station = runner.station
+def _pairs(station: Station) -> list[PairStatus]:
+    residuals = station.guard.residual_mrad
+    return [
+        PairStatus(
+            one=pair.one,
+            other=pair.other,
+            shared_s=pair.shared_s,
+            residual_mrad=residuals.get((pair.one, pair.other)),
+        )
+        for pair in station.calibration.pairs(station.window)
+    ]
+
+
+def _camera(station: Station, box: CameraIntake, now_ns: int) -> CameraStatus:
     network = station.calibration.network
     calibrated = None if network is None else network.camera(box.id)
     place = station.positions.of(box.id, box)
     item = next(item for item in station.health.items if item.name == f"camera {box.id}") if station.health else None
     return CameraStatus(
         id=box.id,
-        online=box.online(now_ns, runner.config.tracking.stale_s),
+        online=box.online(now_ns, station.config.tracking.stale_s),
         present=box.present,
         last_frame_s=None if box.last_ns is None else (now_ns - box.last_ns) / NS,
         detections_per_frame=box.detections,
@@ -112,16 +134,3 @@ def _target(target: OutgoingTarget, geodetic: tuple[float, float, float]) -> Tar
 def _triple(vector: np.ndarray | Sequence[float]) -> tuple[float, float, float]:
     x, y, z = map(float, vector)
     return x, y, z
-
-
-def _median_and_late(latencies_ms: Collection[float]) -> tuple[float, float] | None:
-    if not latencies_ms:
-        return None
-    median, late = np.percentile(np.fromiter(latencies_ms, float), (50, 99))
-    return float(median), float(late)
-
-
-def _recording(runner: Runner) -> str | None:
-    if runner.recorder is None or runner.recorder.path is None or not runner.records:
-        return None
-    return str(runner.recorder.path)

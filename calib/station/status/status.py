@@ -59,9 +59,11 @@ class TargetStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class EndpointStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One MAVLink endpoint."""
+    """One receiver of an output. output: which, e.g. mavlink. content: what it gets, in a word or two."""
 
+    output: str = "mavlink"
     url: str
+    content: str = ""
     sent: int
     sent_bytes: int
     errors: int
@@ -79,6 +81,7 @@ class StationStatus(msgspec.Struct, frozen=True, kw_only=True):
     phase: str
     reason: str
     action: str
+    first_solve_s: float  # of flight that two cameras must share before the first attempt
     origin: tuple[float, float, float] | None
     network: str | None  # fingerprint
     rms_px: float | None

@@ -38,7 +38,7 @@ for _id, _kind in dialect.mavlink_map.items():  # so that pymavlink's own parser
 
 
 @dataclass(frozen=True)
-class Voice:
+class MavlinkContext:
     """What all messages of a station share. undulation_m: geoid above ellipsoid, None if no gcs endpoint needs it."""
 
     origin: Origin
@@ -63,12 +63,14 @@ class TrackerStatus:
     system_status: int = common.MAV_STATE_BOOT
 
 
-def target_track_ecef(target: OutgoingTarget, voice: Voice, synced: bool) -> dialect.MAVLink_target_track_ecef_message:
+def target_track_ecef(
+    target: OutgoingTarget, context: MavlinkContext, synced: bool
+) -> dialect.MAVLink_target_track_ecef_message:
     """TARGET_TRACK_ECEF 45000."""
     flags = dialect.TRACK_FLAGS_VELOCITY_VALID | dialect.TRACK_FLAGS_COV_VALID
     flags |= dialect.TRACK_FLAGS_TIME_SYNCED if synced else 0
     flags |= dialect.TRACK_FLAGS_DEGRADED if target.degraded else 0
-    flags |= dialect.TRACK_FLAGS_SIMULATED if voice.simulated else 0
+    flags |= dialect.TRACK_FLAGS_SIMULATED if context.simulated else 0
     return dialect.MAVLink_target_track_ecef_message(
         time_usec=target.t_unix_ns // 1000,
         pos=target.ecef_m.tolist(),
@@ -78,7 +80,7 @@ def target_track_ecef(target: OutgoingTarget, voice: Voice, synced: bool) -> dia
         track_id=target.track & UINT32,
         meas_age=_within(target.age_s * 1e3, 0, UINT32),
         camera_mask=target.camera_mask,
-        epoch=voice.epoch & 0xFFFF,
+        epoch=context.epoch & 0xFFFF,
         flags=flags,
         state=STATES[target.state],
         camera_count=_within(len(target.cameras), 0, 255),
@@ -86,22 +88,22 @@ def target_track_ecef(target: OutgoingTarget, voice: Voice, synced: bool) -> dia
     )
 
 
-def adsb_vehicle(target: OutgoingTarget, voice: Voice) -> common.MAVLink_adsb_vehicle_message:
+def adsb_vehicle(target: OutgoingTarget, context: MavlinkContext) -> common.MAVLink_adsb_vehicle_message:
     """ADSB_VEHICLE 246: position, course and height above sea level of somebody else's aircraft."""
-    assert voice.undulation_m is not None
-    latitude, longitude, height_m = enu_to_geodetic(target.position_enu[None], voice.origin)[0].tolist()
+    assert context.undulation_m is not None
+    latitude, longitude, height_m = enu_to_geodetic(target.position_enu[None], context.origin)[0].tolist()
     east, north, up = target.velocity_enu.tolist()
     speed = math.hypot(east, north)
     flags = common.ADSB_FLAGS_VALID_COORDS | common.ADSB_FLAGS_VALID_ALTITUDE | common.ADSB_FLAGS_VALID_VELOCITY
     flags |= common.ADSB_FLAGS_VALID_CALLSIGN | common.ADSB_FLAGS_VERTICAL_VELOCITY_VALID
     flags |= common.ADSB_FLAGS_VALID_HEADING if speed >= HEADING_FROM_M_S else 0
-    flags |= common.ADSB_FLAGS_SIMULATED if voice.simulated else 0
+    flags |= common.ADSB_FLAGS_SIMULATED if context.simulated else 0
     return common.MAVLink_adsb_vehicle_message(
         ICAO_address=icao(target.track),
         lat=round(latitude * 1e7),
         lon=round(longitude * 1e7),
         altitude_type=common.ADSB_ALTITUDE_TYPE_GEOMETRIC,
-        altitude=round((height_m - voice.undulation_m) * 1e3),
+        altitude=round((height_m - context.undulation_m) * 1e3),
         heading=round(math.degrees(math.atan2(east, north)) % 360 * 100) % 36000,
         hor_velocity=_within(speed * 100, 0, 65535),
         ver_velocity=_within(up * 100, -32767, 32767),
@@ -142,7 +144,7 @@ def system_time(status: TrackerStatus) -> common.MAVLink_system_time_message:
     )
 
 
-def tracker_status(status: TrackerStatus, voice: Voice) -> dialect.MAVLink_tracker_status_message:
+def tracker_status(status: TrackerStatus, context: MavlinkContext) -> dialect.MAVLink_tracker_status_message:
     """TRACKER_STATUS 45001."""
     return dialect.MAVLink_tracker_status_message(
         time_usec=status.t_unix_ns // 1000,
@@ -152,7 +154,7 @@ def tracker_status(status: TrackerStatus, voice: Voice) -> dialect.MAVLink_track
         cameras_synced=status.synced,
         cameras_calibrated=status.calibrated,
         latency_ms=65535 if status.latency_ms is None else _within(status.latency_ms, 0, 65534),
-        epoch=voice.epoch & 0xFFFF,
+        epoch=context.epoch & 0xFFFF,
         tracks_confirmed=_within(status.confirmed, 0, 255),
         tracks_tentative=_within(status.tentative, 0, 255),
     )

@@ -18,7 +18,8 @@ from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.core.outgoing import OutgoingTarget
 from calib.station.outputs.mavlink import messages
 from calib.station.outputs.mavlink.codec import Codec, Streams
-from calib.station.outputs.mavlink.messages import COMPONENT_ECEF, COMPONENT_GCS, TrackerStatus, Voice
+from calib.station.outputs.mavlink.messages import COMPONENT_ECEF, COMPONENT_GCS, MavlinkContext, TrackerStatus
+from calib.station.outputs.output import CommandHandler
 from calib.tracking.targets import TargetState
 
 LOST_REPEATS: Final = 3  # UDP loses one in a hundred, hardly three in a row
@@ -26,9 +27,6 @@ LOST_SPACING_NS: Final = 200_000_000
 TEXTS_A_SECOND: Final = 5  # STATUSTEXT: an operator reads no more, a radio carries no more
 MAX_INTERVAL_US: Final = 60_000_000
 NS: Final = 10**9
-
-# What a command asks for -> whether it is done; asked for: "calibrate".
-Wish = Callable[[str], bool]
 
 
 @dataclass
@@ -61,12 +59,12 @@ class MavlinkPort:
         self,
         endpoint: EndpointSection,
         options: MavlinkSection,
-        voice: Voice,
+        context: MavlinkContext,
         key: bytes | None,
         streams: Streams | None = None,
     ) -> None:
         """key: signs and verifies; None: neither. streams: what was heard under this key on any endpoint."""
-        self._endpoint, self._voice = endpoint, voice
+        self._endpoint, self._context = endpoint, context
         profile = endpoint.profile
         self._gcs = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id) if "gcs" in profile else None
         self._ecef = Codec(options.system_id, COMPONENT_ECEF, key, endpoint.link_id) if "ecef" in profile else None
@@ -84,9 +82,9 @@ class MavlinkPort:
     def _codecs(self) -> list[Codec]:
         return [codec for codec in (self._gcs, self._ecef) if codec is not None]
 
-    def move_to(self, voice: Voice) -> None:
-        """Speak of another origin."""
-        self._voice = voice
+    def move_to(self, context: MavlinkContext) -> None:
+        """Send about another origin."""
+        self._context = context
 
     def refresh(self, now_unix_s: float, stored_ticks: int = 0) -> int:
         """Bring signing times up to the clock; returns the newest, in ticks, to be stored."""
@@ -106,21 +104,21 @@ class MavlinkPort:
                 self._tracks.last_ns.pop(target.track, None)
                 continue
             if self._ecef is not None and self._tracks.due(target.track, now_ns):
-                frames += self._frame(self._ecef, messages.target_track_ecef, target, self._voice, synced)
+                frames += self._frame(self._ecef, messages.target_track_ecef, target, self._context, synced)
             if self._gcs is not None and self._adsb.due(target.track, now_ns):
-                frames += self._frame(self._gcs, messages.adsb_vehicle, target, self._voice)
+                frames += self._frame(self._gcs, messages.adsb_vehicle, target, self._context)
         return frames + self._say_farewell(now_ns, synced)
 
     def _say_farewell(self, now_ns: int, synced: bool) -> list[bytes]:
         frames: list[bytes] = []
         for farewell in self._farewells:
             if self._ecef is not None and now_ns >= farewell.next_ns:
-                frames += self._frame(self._ecef, messages.target_track_ecef, farewell.target, self._voice, synced)
+                frames += self._frame(self._ecef, messages.target_track_ecef, farewell.target, self._context, synced)
                 farewell.left, farewell.next_ns = farewell.left - 1, now_ns + LOST_SPACING_NS
         self._farewells = [f for f in self._farewells if f.left > 0 and self._ecef is not None]
         return frames
 
-    def second(self, status: TrackerStatus, faulted: bool = False) -> list[bytes]:
+    def second(self, status: TrackerStatus, *, faulted: bool) -> list[bytes]:
         """The frames of every second: heartbeats, times, the tracker's status. No heartbeat when faulted."""
         self._text_budget = TEXTS_A_SECOND
         frames: list[bytes] = []
@@ -128,7 +126,7 @@ class MavlinkPort:
             frames += [] if faulted else self._frame(codec, messages.heartbeat, status)
             frames += self._frame(codec, messages.system_time, status)
         if self._ecef is not None:
-            frames += self._frame(self._ecef, messages.tracker_status, status, self._voice)
+            frames += self._frame(self._ecef, messages.tracker_status, status, self._context)
         return frames
 
     def text(self, severity: int, text: str) -> list[bytes]:
@@ -152,8 +150,8 @@ class MavlinkPort:
 
     # In
 
-    def receive(self, data: bytes, now_unix_ns: int, wish: Wish) -> list[bytes]:
-        """Answers to what came. wish: called for a command that is obeyed; whether it can be done."""
+    def receive(self, data: bytes, now_unix_ns: int, command: CommandHandler) -> list[bytes]:
+        """Answers to what came. command: called for a command that is obeyed; whether it can be done."""
         replies: list[bytes] = []
         for message in self._listener.received(data):
             kind = message.get_type()
@@ -161,10 +159,10 @@ class MavlinkPort:
                 reply = common.MAVLink_timesync_message(tc1=now_unix_ns, ts1=message.ts1)
                 replies += [codec.encoded(reply) for codec in self._codecs[:1]]
             elif kind in {"COMMAND_LONG", "COMMAND_INT"}:
-                replies += self._command(message, wish)
+                replies += self._answer(message, command)
         return replies
 
-    def _command(self, message: common.MAVLink_command_long_message, wish: Wish) -> list[bytes]:
+    def _answer(self, message: common.MAVLink_command_long_message, command: CommandHandler) -> list[bytes]:
         codec = self._addressed(message)
         if codec is None:
             return []
@@ -173,7 +171,7 @@ class MavlinkPort:
             result = common.MAV_RESULT_DENIED
             self.counters[f"commands_{message.signature if self._signed else 'unlisted'}"] += 1
         else:
-            result, extra = self._obey(codec, message, wish)
+            result, extra = self._obey(codec, message, command)
         obeyed = result in {common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_IN_PROGRESS}
         self.counters["commands_obeyed" if obeyed else "commands_refused"] += 1
         return [self._acknowledge(codec, message, result), *extra]
@@ -190,11 +188,13 @@ class MavlinkPort:
             return bool(message.signature == "good")
         return message.get_srcSystem() in self._endpoint.commands_from
 
-    def _obey(self, codec: Codec, message: common.MAVLink_command_long_message, wish: Wish) -> tuple[int, list[bytes]]:
+    def _obey(
+        self, codec: Codec, message: common.MAVLink_command_long_message, command: CommandHandler
+    ) -> tuple[int, list[bytes]]:
         if message.command == common.MAV_CMD_PREFLIGHT_CALIBRATION:
             if self._running is not None:
                 return common.MAV_RESULT_TEMPORARILY_REJECTED, []
-            if not wish("calibrate"):
+            if not command("calibrate"):
                 return common.MAV_RESULT_TEMPORARILY_REJECTED, []
             self._running = message
             return common.MAV_RESULT_IN_PROGRESS, []

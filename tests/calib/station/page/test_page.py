@@ -18,10 +18,10 @@ from calib.station import config
 from calib.station.archive.recording import Recorder
 from calib.station.config import BaseConfig, CameraSection, SiteSection, StatusSection
 from calib.station.page import past, wire, words
-from calib.station.page.access import SHORTEST_TOKEN, allowed, read_token
 from calib.station.page.live import Live
 from calib.station.page.process import PageProcess, available
 from calib.station.page.steps import next_step, steps
+from calib.station.status.access import SHORTEST_TOKEN, allowed, read_token
 from calib.station.status.status import CameraStatus, EndpointStatus, PairStatus, StationStatus
 from edge.common.errors import ConfigError, MessageError
 from edge.messages import Health, HealthItem, NetworkMessage, Target, Targets, encode
@@ -63,6 +63,7 @@ def status(cameras: list[CameraStatus] | None = None, **changes: Any) -> Station
         "phase": "calibrated",
         "reason": "3 cameras, 0.50 px",
         "action": "",
+        "first_solve_s": 15.0,
         "origin": ORIGIN,
         "network": "0123456789ab",
         "rms_px": 0.5,
@@ -268,7 +269,7 @@ def get(page: PageProcess, path: str, until: Any) -> tuple[int, bytes]:
     """Ask the page while the station's loop goes round."""
     connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=60)
     connection.request("GET", path)
-    assert until(lambda: page.wishes() is not None and page.pid is not None, within_s=20)
+    assert until(lambda: page.commands() is not None and page.pid is not None, within_s=20)
     answer = connection.getresponse()
     body = answer.read()
     connection.close()
@@ -277,14 +278,14 @@ def get(page: PageProcess, path: str, until: Any) -> tuple[int, bytes]:
 
 def test_it_starts_when_somebody_looks_and_again_when_it_died(page: PageProcess, until: Any) -> None:
     page.show(status())
-    page.wishes()
+    page.commands()
     assert page.pid is None
     assert get(page, "/status.json", until)[1] != b""
     first = page.pid
     assert first is not None
     assert msgspec.json.decode(get(page, "/status.json", until)[1])["site"] == "hill"
     os.kill(first, signal.SIGKILL)
-    assert until(lambda: page.wishes() == [] and page.pid != first, within_s=10)
+    assert until(lambda: page.commands() == [] and page.pid != first, within_s=10)
     assert get(page, "/metrics", until)[0] == 200
     assert page.starts == 2
 

@@ -15,13 +15,13 @@ from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.core.outgoing import Border, OutgoingTarget
 from calib.station.outputs.mavlink import messages as mavlink
 from calib.station.outputs.mavlink.codec import TICKS_PER_S, Codec, Streams, read_key, ticks
-from calib.station.outputs.mavlink.messages import TrackerStatus, Voice
+from calib.station.outputs.mavlink.messages import MavlinkContext, TrackerStatus
 from calib.station.outputs.mavlink.port import MavlinkPort
 from calib.tracking.targets import TargetEstimate, TargetState
 from edge.common.errors import ConfigError
 
 ORIGIN = (47.4085, 8.5071, 580.0)
-VOICE = Voice(ORIGIN, epoch=7, undulation_m=47.6)
+CONTEXT = MavlinkContext(ORIGIN, epoch=7, undulation_m=47.6)
 NS = 10**9
 KEY = bytes(range(32))
 STATUS = TrackerStatus(1_800_000_000 * NS, 5000, 7, 7, 3, 7, 12.0, 1, 0)
@@ -47,7 +47,7 @@ def target(**changes: object) -> OutgoingTarget:
 def port(*, key: bytes | None = None, streams: Streams | None = None, **section: object) -> MavlinkPort:
     """An endpoint with both profiles."""
     endpoint = EndpointSection(url="udp:127.0.0.1:1", profile=["gcs", "ecef"], **section)  # type: ignore[arg-type]
-    made = MavlinkPort(endpoint, MavlinkSection(system_id=1), VOICE, key, streams)
+    made = MavlinkPort(endpoint, MavlinkSection(system_id=1), CONTEXT, key, streams)
     made.refresh(time.time())
     return made
 
@@ -151,7 +151,7 @@ def test_no_number_stops_the_loop(velocity: float, age_s: float, quality: float,
 
 
 def test_every_second_both_components_beat_and_neither_is_a_ground_station() -> None:
-    messages = decoded(port().second(STATUS))
+    messages = decoded(port().second(STATUS, faulted=False))
     beats = [m for m in messages if m.get_type() == "HEARTBEAT"]
     assert {m.get_srcComponent() for m in beats} == {25, 156}
     assert {m.type for m in beats} == {common.MAV_TYPE_ADSB}
@@ -165,13 +165,17 @@ def test_no_heartbeat_from_a_station_at_fault() -> None:
 
 def test_boot_time_wraps_after_49_days() -> None:
     old = replace(STATUS, uptime_ms=2**32 + 5)
-    (message, *_) = [m for m in decoded(port().second(old)) if m.get_type() == "SYSTEM_TIME"]
+    (message, *_) = [m for m in decoded(port().second(old, faulted=False)) if m.get_type() == "SYSTEM_TIME"]
     assert message.time_boot_ms == 5
 
 
 def test_components_keep_their_own_sequences_so_nobody_sees_loss() -> None:
     one = port()
-    frames = [frame for k in range(50) for frame in (*one.targets([target()], k * NS, True), *one.second(STATUS))]
+    frames = [
+        frame
+        for k in range(50)
+        for frame in (*one.targets([target()], k * NS, True), *one.second(STATUS, faulted=False))
+    ]
     for component in (25, 156):
         numbers = [m.get_seq() for m in decoded(frames) if m.get_srcComponent() == component]
         assert numbers == [k % 256 for k in range(len(numbers))]
@@ -316,12 +320,12 @@ def test_even_a_good_signature_from_the_future_is_refused() -> None:
 def test_a_receiver_that_joins_hours_later_accepts_what_we_sign() -> None:
     """Only adding 10 us a message, as pymavlink does, leaves a new receiver more than a minute ahead of us."""
     one = port(key=KEY)
-    one.second(STATUS)
+    one.second(STATUS, faulted=False)
     later_s = time.time() + 3 * 3600
     one.refresh(later_s)
     receiver = Codec(255, 190, KEY)
     receiver.refresh(later_s)
-    good = [m for frame in one.second(STATUS) for m in receiver.received(frame)]
+    good = [m for frame in one.second(STATUS, faulted=False) for m in receiver.received(frame)]
     assert len(good) == 5
     assert {message.signature for message in good} == {"good"}
 

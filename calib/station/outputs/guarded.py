@@ -1,0 +1,106 @@
+"""An output that can't take the others with it: what it raises is counted and named, and ends that call alone.
+
+The hazard is a fault in one protocol, perhaps one that somebody else wrote, which silences all of them: the aircraft
+vanishes from every map because a text had a letter that one format can't carry.
+"""
+
+import logging
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Final
+
+from calib.geodesy import Origin
+from calib.station.core.outgoing import OutgoingTarget
+from calib.station.outputs.output import CommandHandler, Output, StationStanding
+from calib.station.status.status import EndpointStatus
+from edge.common.health import Check, HealthLevel
+
+log = logging.getLogger(__name__)
+
+RECENT_NS: Final = 60 * 10**9  # how long a fault is spoken of
+ACTION: Final = "its log says where; correct its table in the configuration, or report it to whoever wrote it"
+
+
+class _Fence:
+    """Keeps what is raised inside it. One object, entered anew for each call: nothing is made for a frame."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.count = 0
+        self.last = ""
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if not isinstance(error, Exception):
+            return False
+        self.count += 1
+        if repr(error) != self.last:  # the same again, at every frame, would fill the log
+            log.error("output %s: %r", self.name, error, exc_info=error)
+        self.last = repr(error)
+        return True
+
+
+class GuardedOutput:
+    """An `Output` round another one."""
+
+    def __init__(self, name: str, inner: Output) -> None:
+        self.name = name
+        self._inner = inner
+        self._fence = _Fence(name)
+        self._seen, self._seen_ns = 0, -RECENT_NS
+        self.rate_hz = inner.rate_hz
+
+    def targets(self, targets: Sequence[OutgoingTarget], now_ns: int, synced: bool) -> None:
+        with self._fence:
+            self._inner.targets(targets, now_ns, synced)
+
+    def second(self, standing: StationStanding, texts: Sequence[tuple[HealthLevel, str]], now_ns: int) -> None:
+        with self._fence:
+            self._inner.second(standing, texts, now_ns)
+
+    def moved(self, origin: Origin) -> None:
+        with self._fence:
+            self._inner.moved(origin)
+
+    def calibrated(self, done: bool, now_ns: int) -> None:
+        with self._fence:
+            self._inner.calibrated(done, now_ns)
+
+    def receive(self, now_ns: int, now_unix_ns: int, command: CommandHandler) -> None:
+        with self._fence:
+            self._inner.receive(now_ns, now_unix_ns, command)
+
+    def checks(self, now_ns: int) -> list[Check]:
+        """Its own, and that it failed lately."""
+        found: list[Check] = []
+        with self._fence:
+            found = self._inner.checks(now_ns)
+        if self._fence.count > self._seen:
+            self._seen, self._seen_ns = self._fence.count, now_ns
+        if now_ns - self._seen_ns < RECENT_NS:
+            reason = f"{self._fence.count} calls failed, the last with {self._fence.last}"
+            found = [*found, Check(f"output {self.name}", "warn", reason, ACTION)]
+        return found
+
+    @property
+    def counters(self) -> dict[str, float]:
+        """Its own, and the calls that failed."""
+        found: dict[str, float] = {}
+        with self._fence:
+            found = {f"{self.name}_{name}": value for name, value in self._inner.counters.items()}
+        return found | {f"{self.name}_failed_calls": float(self._fence.count)}
+
+    @property
+    def status(self) -> list[EndpointStatus]:
+        """How each of its receivers is."""
+        with self._fence:
+            return self._inner.status
+        return []
+
+    def close(self) -> None:
+        with self._fence:
+            self._inner.close()

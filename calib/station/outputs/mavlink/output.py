@@ -1,0 +1,164 @@
+"""MAVLink as an output: all its endpoints together, and which port speaks through which socket."""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import common
+
+from calib.geodesy import Origin
+from calib.station.config import EndpointSection, MavlinkSection
+from calib.station.core.outgoing import OutgoingTarget
+from calib.station.outputs.mavlink.codec import CLOCK_SET_S, Streams, read_key
+from calib.station.outputs.mavlink.endpoint import Endpoint, open_endpoint
+from calib.station.outputs.mavlink.messages import MavlinkContext
+from calib.station.outputs.mavlink.port import MavlinkPort
+from calib.station.outputs.mavlink.tracker_status import tracker_status
+from calib.station.outputs.output import CommandHandler, OutputContext, StationStanding
+from calib.station.status.status import EndpointStatus
+from edge.common.errors import ConfigError
+from edge.common.health import Check, HealthLevel
+from edge.common.settings import build
+
+log = logging.getLogger(__name__)
+
+NEVER_BLOCKS: Final = True  # see endpoint.py
+RECENT_NS: Final = 60 * 10**9  # how long a refused command is spoken of
+SEVERITIES: Final[dict[HealthLevel, int]] = {
+    "ok": common.MAV_SEVERITY_NOTICE,
+    "warn": common.MAV_SEVERITY_WARNING,
+    "fail": common.MAV_SEVERITY_ERROR,
+}
+
+
+def open_output(table: dict[str, Any], context: OutputContext) -> "MavlinkOutput":
+    """All endpoints of [mavlink]. Raises ConfigError if one cannot be opened, or cannot be signed for."""
+    return MavlinkOutput(build(table, MavlinkSection, where=context.where), context)
+
+
+class MavlinkOutput:
+    """Sends to all endpoints."""
+
+    def __init__(self, options: MavlinkSection, context: OutputContext) -> None:
+        """Raises ConfigError as `open_output` does."""
+        self._options, self._context = options, context
+        self._lines: list[tuple[MavlinkPort, Endpoint, EndpointSection]] = []
+        self._errors: Counter[str] = Counter()
+        self._refused, self._refused_ns = 0, -RECENT_NS
+        self._streams: dict[bytes | None, Streams] = {}
+        try:
+            for section in options.endpoint:
+                self._lines.append((self._port(section), open_endpoint(section.url), section))
+        except ConfigError:
+            self.close()
+            raise
+
+    def _port(self, section: EndpointSection) -> MavlinkPort:
+        key = read_key(self._context.folder / section.signing_key) if section.signing_key else None
+        if key is not None and time.time() < CLOCK_SET_S:
+            raise ConfigError(
+                "the clock is not set, signing with it would lock this station out later",
+                where=section.url,
+                action="set the clock (chrony) and start again",
+            )
+        streams = self._streams.setdefault(key, Streams(time.time()))
+        mavlink = self._mavlink_context(self._context.site.origin or (0.0, 0.0, 0.0))
+        port = MavlinkPort(section, self._options, mavlink, key, streams)
+        port.refresh(time.time(), self._context.signing_ticks)
+        return port
+
+    def _mavlink_context(self, origin: Origin) -> MavlinkContext:
+        return MavlinkContext(origin, self._context.epoch, self._options.simulated, self._context.site.undulation_m)
+
+    @property
+    def rate_hz(self) -> float:
+        return max(section.rate_hz for section in self._options.endpoint)
+
+    def close(self) -> None:
+        for _, endpoint, _ in self._lines:
+            endpoint.close()
+
+    def moved(self, origin: Origin) -> None:
+        for port, _, _ in self._lines:
+            port.move_to(self._mavlink_context(origin))
+
+    def targets(self, targets: Sequence[OutgoingTarget], now_ns: int, synced: bool) -> None:
+        for port, endpoint, _ in self._lines:
+            self._send(endpoint, port.targets(targets, now_ns, synced), now_ns)
+
+    def second(self, standing: StationStanding, texts: Sequence[tuple[HealthLevel, str]], now_ns: int) -> None:
+        """Heartbeats (none from a station at fault), times, the tracker's status, words; signing times are kept."""
+        status, newest = tracker_status(standing), 0
+        for port, endpoint, _ in self._lines:
+            newest = max(newest, port.refresh(time.time()))
+            frames = port.second(status, faulted=bool(standing.fault))
+            for level, text in texts:
+                frames += port.text(SEVERITIES[level], text)
+            self._send(endpoint, frames, now_ns)
+        self._context.keep_signing_ticks(newest)
+
+    def receive(self, now_ns: int, now_unix_ns: int, command: CommandHandler) -> None:
+        for port, endpoint, _ in self._lines:
+            for _, data in endpoint.receive(now_ns):
+                self._send(endpoint, port.receive(data, now_unix_ns, command), now_ns)
+
+    def calibrated(self, done: bool, now_ns: int) -> None:
+        """Tell whoever asked for a calibration how it ended."""
+        for port, endpoint, _ in self._lines:
+            self._send(endpoint, port.finished(done), now_ns)
+
+    def _send(self, endpoint: Endpoint, frames: list[bytes], now_ns: int) -> None:
+        endpoint.send(frames, now_ns)
+        for frame in frames:
+            self._context.record(endpoint.url, frame)
+
+    @property
+    def counters(self) -> dict[str, float]:
+        """Messages sent, and commands obeyed and refused by reason, over all endpoints."""
+        total: Counter[str] = Counter()
+        for port, _, _ in self._lines:
+            total.update(port.counters)
+        return {name: float(count) for name, count in total.items()}
+
+    def checks(self, now_ns: int) -> list[Check]:
+        """Whether each endpoint takes what is sent, and whether somebody tries to give orders."""
+        checks = [self._check(endpoint) for _, endpoint, _ in self._lines]
+        refused = sum(port.counters["commands_refused"] for port, _, _ in self._lines)
+        if refused > self._refused:
+            self._refused, self._refused_ns = refused, now_ns
+        if now_ns - self._refused_ns < RECENT_NS:
+            action = "sign with this station's key, list the system in commands_from, or find out who it is"
+            checks.append(Check("mavlink commands", "warn", f"{refused} were refused ({self._reasons()})", action))
+        return checks
+
+    def _check(self, endpoint: Endpoint) -> Check:
+        failing = endpoint.errors > self._errors[endpoint.url]
+        self._errors[endpoint.url] = endpoint.errors
+        if failing:
+            action = "start the receiver, check the address"
+            return Check(f"mavlink {endpoint.url}", "warn", endpoint.last_error, action)
+        return Check(f"mavlink {endpoint.url}", "ok", "sends")
+
+    def _reasons(self) -> str:
+        names = {name: count for name, count in self.counters.items() if name.startswith("commands_")}
+        for total in ("obeyed", "refused"):
+            names.pop(f"commands_{total}")
+        return ", ".join(f"{count:.0f} {name.removeprefix('commands_')}" for name, count in names.items())
+
+    @property
+    def status(self) -> list[EndpointStatus]:
+        """How each endpoint is."""
+        return [
+            EndpointStatus(
+                output="mavlink",
+                url=endpoint.url,
+                content="+".join(section.profile),
+                sent=port.counters["sent"],
+                sent_bytes=endpoint.sent_bytes,
+                errors=endpoint.errors,
+                last_error=endpoint.last_error,
+            )
+            for port, endpoint, section in self._lines
+        ]
