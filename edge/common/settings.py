@@ -197,6 +197,11 @@ def _(kind: inspect.BoolType) -> str:
 
 
 @allowed.register
+def _(kind: inspect.DictType) -> str:
+    return "tables by name"
+
+
+@allowed.register
 def _(kind: inspect.StructType) -> str:
     return f"a table with {', '.join(_field_names(kind))}"
 
