@@ -142,8 +142,9 @@ class GnssConfig(Section, frozen=True, kw_only=True):
     ] = None
     accept_unknown_age: Annotated[bool, Meta(description="for a receiver that sends no age of corrections")] = False
     lever_arm_m: Annotated[
-        tuple[LeverArm, LeverArm, LeverArm], Meta(description="antenna minus camera: east, north, up metres")
-    ] = (0.0, 0.0, 0.0)
+        tuple[LeverArm, LeverArm, LeverArm] | None,
+        Meta(description="antenna's phase centre minus lens: east, north, up metres; left out: not known"),
+    ] = None
 
 
 class ClockConfig(Section, frozen=True, kw_only=True):

@@ -85,7 +85,11 @@ class Lens(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Fix(msgspec.Struct, frozen=True, kw_only=True):
-    """An averaged antenna position of a camera box: degrees, ellipsoidal metres, one sigma east, north, up."""
+    """An averaged position of a camera box: degrees, ellipsoidal metres, one sigma east, north, up.
+
+    of: the point it is the position of. A box that knows its antenna's offset (gnss.lever_arm_m) sends the lens; one
+    that does not, or is too old to say, the antenna.
+    """
 
     t_unix_ns: TimeNs
     lat_deg: Annotated[float, Meta(ge=-90, le=90)]
@@ -95,6 +99,7 @@ class Fix(msgspec.Struct, frozen=True, kw_only=True):
     sigma_m: tuple[Sigma, Sigma, Sigma]
     frame: str
     samples: Annotated[int, Meta(ge=1)]
+    of: Literal["lens", "antenna"] = "antenna"
 
 
 class HealthItem(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,7 +19,7 @@ from edge.common.health import Check
 from edge.common.own_thread import give_way_soon
 from edge.common.systemd_notify import Notifier
 from edge.config import BoxConfig, CameraConfig
-from edge.gnss.receiver import Receiver
+from edge.gnss.receiver import Receiver, check_antenna
 from edge.health import HealthBoard
 from edge.link.health import LinkHealth
 from edge.link.link import Link
@@ -136,9 +136,10 @@ class Node:
 
     def _shared_checks(self) -> list[Check]:
         checks = [check_clock(self._clock.state(), self._config.clock.limit_s), *check_temperature()]
-        if self._receiver:
+        if self._receiver and self._config.gnss:
             status = self._receiver.status()
             checks.append(Check("gnss", status.level, status.reason, status.action))
+            checks.append(check_antenna(self._config.gnss))
         checks += self._link_health.checks(who="the base station")
         return checks
 

@@ -6,7 +6,7 @@ are refused, heights above sea level need the site's own undulation, and every c
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 import msgspec
 from msgspec import Meta
@@ -26,8 +26,11 @@ Longitude = Annotated[float, Meta(ge=-180, le=180)]
 Height = Annotated[float, Meta(ge=-1000, le=10000)]
 Geodetic = tuple[Latitude, Longitude, Height]
 PositiveMetres = Annotated[float, Meta(gt=0, le=1000)]
-LeverArm = Annotated[float, Meta(ge=-100, le=100)]
 SystemId = Annotated[int, Meta(ge=1, le=255)]
+Sigmas = tuple[PositiveMetres, PositiveMetres, PositiveMetres]  # one sigma east, north, up
+# m, of a position that comes without a sigma: what one hurried occupation through a network is good for, the antenna's
+# height included (twice the 2 cm that it scatters by). Too wide a sigma costs a little; too narrow a one is believed.
+UNSTATED_SIGMA_M: Final = (0.05, 0.05, 0.1)
 
 
 class SiteSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -43,29 +46,39 @@ class SiteSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         Meta(description="geoid (EGM96) above ellipsoid there; an endpoint of profile `gcs` needs it"),
     ] = None
     survey: Annotated[
-        str | None, Meta(description="a site.toml with surveyed positions, as `base-station survey` writes it")
+        str | None,
+        Meta(
+            description="what `base-station survey` writes, or a site.toml; left out: survey.toml beside this file,"
+            " if it is there"
+        ),
     ] = None
 
 
 class CameraSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A camera that is expected. Its order here is its bit in MAVLink's camera masks: append, never insert."""
 
+    # Both homes of one offset filled would take it off twice: so the base has none, and says where it went.
+    MOVED: ClassVar[dict[str, tuple[str, str]]] = {
+        "antenna_to_camera_m": (
+            "is no key of the base any more: the offset between antenna and lens has one home, gnss.lever_arm_m in "
+            "the edge.toml of the camera's box",
+            "take it out here and give lever_arm_m there, under [gnss]: antenna minus lens, so the same numbers with "
+            "the opposite sign. If the box has it already, only take it out here",
+        )
+    }
+
     id: Annotated[Name, Meta(description="as its box has it")]
     position: Annotated[
         Geodetic | None,
         Meta(
             description="optical centre: latitude and longitude in degrees, ellipsoidal metres;"
-            " left out: the box's own fixes"
+            " left out: the survey's, or else the box's own fixes"
         ),
     ] = None
     position_sigma: Annotated[
-        tuple[PositiveMetres, PositiveMetres, PositiveMetres],
-        Meta(description="one sigma of position in metres: east, north, up; the default is what RTK gives"),
-    ] = (0.02, 0.02, 0.04)
-    antenna_to_camera_m: Annotated[
-        tuple[LeverArm, LeverArm, LeverArm],
-        Meta(description="metres east, north, up, added to the box's own fixes"),
-    ] = (0.0, 0.0, 0.0)
+        Sigmas,
+        Meta(description="one sigma of position in metres: east, north, up; the default is a hurried RTK position's"),
+    ] = UNSTATED_SIGMA_M
 
 
 class ReceiverSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -19,7 +19,6 @@ from calib.station.arrival_clock import ArrivalClock
 from calib.station.boxes import Boxes
 from calib.station.config import BaseConfig
 from calib.station.core.jobs import SolveResult
-from calib.station.core.positions import with_survey
 from calib.station.core.station import Station, Tick
 from calib.station.display import open_display
 from calib.station.latency import Latencies
@@ -28,6 +27,7 @@ from calib.station.page.wire import OperatorCommand
 from calib.station.standing import LoopWatch, disk_checks, fault_of, standing_of, synced
 from calib.station.status.snapshot import StationView, snapshot
 from calib.station.status.status import StationStatus
+from calib.station.survey.in_force import with_survey
 from calib.station.worker import LIVE, Solver, Worker
 from edge.link.inbox import Received
 from edge.messages import camera_of_key, encode, station_key

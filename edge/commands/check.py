@@ -20,7 +20,7 @@ from edge.common.health import Check, HealthLevel
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector import open_detector
 from edge.gnss.diagnosis import ReceiverState
-from edge.gnss.receiver import Receiver
+from edge.gnss.receiver import Receiver, check_antenna
 from edge.link.health import check_security
 from edge.link.link import Link
 from edge.messages import station_key
@@ -47,6 +47,7 @@ def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
         yield from check_camera(config, camera, config_file, clock)
     if config.gnss:
         yield check_receiver(Receiver(config.gnss))
+        yield check_antenna(config.gnss)
     if config.spool:
         yield check_spool_folder(Path(config.spool.folder))
     yield check_security(config.link, dt.datetime.now(dt.UTC))

@@ -20,6 +20,8 @@ from edge.common.errors import ConfigError
 
 Settings = TypeVar("Settings", bound=msgspec.Struct)
 
+# A struct's class attribute of this name says of keys that it had once where they went: {key: (what, action)}.
+MOVED: Final = "MOVED"
 FIX_IT: Final = "correct it and start again"
 _UNKNOWN: Final = re.compile(r"unknown field `(?P<key>[^`]*)`")
 _MISSING: Final = re.compile(r"missing required field `(?P<key>[^`]*)`")
@@ -92,7 +94,12 @@ def _in_words(kind: inspect.Type) -> str:
 
 
 def _unknown_key(key: str, path: str, kind: type[msgspec.Struct], where: str) -> ConfigError:
-    names = _field_names(_type_at(kind, path))
+    there = _bare(_type_at(kind, path))
+    moved = getattr(there.cls, MOVED, {}) if isinstance(there, inspect.StructType) else {}
+    if key in moved:
+        what, action = moved[key]
+        return ConfigError(f"{_join(path, key)} {what}", where=where, action=action)
+    names = _field_names(there)
     near = difflib.get_close_matches(key, names, n=1, cutoff=0.5)
     meant = f'did you mean "{near[0]}"? ' if near else ""
     return ConfigError(

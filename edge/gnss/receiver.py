@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from edge.common.errors import ConfigError
+from edge.common.health import Check
 from edge.config import GnssConfig
 from edge.gnss.averaging import SERVICES
 from edge.gnss.diagnosis import Level, ReceiverState, ReceiverStatus, Watch, counters, diagnose
@@ -188,6 +189,8 @@ class Receiver:
 
 def check_lever_arm(config: GnssConfig) -> None:
     """Refuse an antenna beside the lens: which way it lies is not known before the camera's heading is."""
+    if config.lever_arm_m is None:
+        return
     horizontal_m = math.hypot(*config.lever_arm_m[:2])
     if horizontal_m > MAX_HORIZONTAL_LEVER_M:
         raise ConfigError(
@@ -197,9 +200,18 @@ def check_lever_arm(config: GnssConfig) -> None:
         )
 
 
-def make_fix(surveyed: Surveyed, config: GnssConfig, host_unix_ns: int) -> Fix:
-    """The message: the camera's position, the antenna's lever arm taken off."""
+def check_antenna(config: GnssConfig) -> Check:
+    """Whether the box knows where its antenna stands: the base must else take the lens to be anywhere near it."""
+    if config.lever_arm_m is None:
+        action = "measure it and give gnss.lever_arm_m; [0, 0, 0] if the antenna is at the lens"
+        return Check("antenna", "warn", "its offset from the lens is not known", action)
     east_m, north_m, up_m = config.lever_arm_m
+    return Check("antenna", "ok", f"{up_m:.3f} m above the lens, {math.hypot(east_m, north_m):.3f} m beside it")
+
+
+def make_fix(surveyed: Surveyed, config: GnssConfig, host_unix_ns: int) -> Fix:
+    """The message: the lens's position, the lever arm taken off; without a lever arm the antenna's, which it says."""
+    east_m, north_m, up_m = config.lever_arm_m or (0.0, 0.0, 0.0)
     per_lon_m, per_lat_m = metres_per_degree(surveyed.lat_deg)
     east_sigma, north_sigma, up_sigma = (float(sigma) for sigma in surveyed.mean.sigma_m)
     return Fix(
@@ -211,4 +223,5 @@ def make_fix(surveyed: Surveyed, config: GnssConfig, host_unix_ns: int) -> Fix:
         sigma_m=(east_sigma, north_sigma, up_sigma),
         frame=config.frame,
         samples=surveyed.mean.samples,
+        of="antenna" if config.lever_arm_m is None else "lens",
     )

@@ -45,6 +45,7 @@ def fix_message(camera: Camera, sigma_m: float = 0.02) -> Fix:
         sigma_m=(sigma_m, sigma_m, 2 * sigma_m),
         frame="WGS 84",
         samples=100,
+        of="lens",
     )
 
 

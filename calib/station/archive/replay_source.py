@@ -111,6 +111,7 @@ def _fix(camera: SiteCamera, scene: Scene, t_unix_ns: int) -> Fix:
         sigma_m=(east, north, up),
         frame="as surveyed",
         samples=1,
+        of="lens",
     )
 
 

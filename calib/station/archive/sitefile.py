@@ -5,7 +5,7 @@ leave out has a default; what is unknown stays None, because "nothing is known" 
 """
 
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -13,14 +13,11 @@ from msgspec import Meta
 
 from calib.geodesy import Origin, geodetic_to_enu
 from calib.observations import SiteCamera
-from calib.station.config import Geodetic
+from calib.station.config import UNSTATED_SIGMA_M, Geodetic, Sigmas
 from edge.common import settings
 from edge.common.errors import ConfigError, LensError
 from edge.lens import LensModel
 from edge.messages import Name, SizePx
-
-Sigma = Annotated[float, Meta(gt=0, le=1000)]
-UNSTATED_SIGMA_M: Final = (0.05, 0.05, 0.1)  # a position without a sigma is taken for RTK through a network
 
 
 class _Site(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -37,7 +34,7 @@ class _Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     intrinsics: tuple[float, float, float, float]
     distortion: list[float]
     position: Geodetic | None = None
-    position_sigma: tuple[Sigma, Sigma, Sigma] = UNSTATED_SIGMA_M
+    position_sigma: Sigmas = UNSTATED_SIGMA_M
     focal_sigma_px: Annotated[float, Meta(gt=0)] | None = None
     clock_bound_s: Annotated[float, Meta(ge=0)] | None = None
     readout_s: Annotated[float, Meta(ge=0, le=1)] | None = None
@@ -52,13 +49,19 @@ class SiteFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     camera: Annotated[list[_Camera], Meta(min_length=1)]
 
 
-def load(path: Path) -> tuple[str, Origin, tuple[SiteCamera, ...]]:
-    """Name, origin and cameras of a site file. Raises ConfigError naming file, key and what is allowed there."""
+def read(path: Path) -> SiteFile:
+    """A site file as it stands. Raises ConfigError naming file, key and what is allowed there."""
     file = settings.load(path, SiteFile)
     names = [camera.id for camera in file.camera]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ConfigError(f"camera {twice[0]} is named twice", where=str(path), action="give each camera its own id")
+    return file
+
+
+def load(path: Path) -> tuple[str, Origin, tuple[SiteCamera, ...]]:
+    """Name, origin and cameras of a site file. Raises ConfigError as `read` does."""
+    file = read(path)
     origin = file.site.origin or _mean_position(file.camera)
     return file.site.name, origin, tuple(_site_camera(camera, origin, path) for camera in file.camera)
 

@@ -19,9 +19,9 @@ import msgspec
 from calib.station.archive.state_store import StateStore
 from calib.station.commands.arguments import add_config, folder_of
 from calib.station.config import MIN_CAMERAS, BaseConfig, load
-from calib.station.core.positions import with_survey
 from calib.station.core.stored_state import StoredState
 from calib.station.outputs.registry import OutputHost, open_output, wanted
+from calib.station.survey.in_force import survey_file, twice_given, with_survey
 from edge.common.errors import ConfigError
 from edge.link.health import check_security
 
@@ -74,16 +74,22 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
 
 def _positions(config: BaseConfig, folder: Path) -> Iterator[Line]:
     try:
-        cameras = with_survey(config, folder)
+        cameras, twice = with_survey(config, folder), twice_given(config, folder)
     except ConfigError as error:
         yield Line("FAIL", "survey", f"{error.where}: {error.what}", error.action)
         return
+    file = survey_file(config, folder)
+    source = "no survey file" if file is None else f"survey file {file}"
     surveyed = [camera.id for camera in cameras.values() if camera.position is not None]
+    reason = f"{len(surveyed)} of {len(cameras)} cameras have a position ({source})"
     if len(surveyed) >= MIN_CAMERAS:
-        yield Line("PASS", "survey", f"{len(surveyed)} of {len(cameras)} cameras have a position")
+        yield Line("PASS", "survey", reason)
     else:
-        reason = f"{len(surveyed)} of {len(cameras)} cameras have a position; the others' boxes must send RTK fixes"
-        yield Line("WARN", "survey", reason, "base-station survey, or wait for the boxes")
+        action = "base-station survey, or wait for the boxes"
+        yield Line("WARN", "survey", f"{reason}; the others' boxes must send RTK fixes", action)
+    if twice:
+        reason = f"{', '.join(twice)}: the position in the configuration is used, not the one in {file}"
+        yield Line("WARN", "survey", reason, "take `position` out of the configuration, or `base-station survey drop`")
 
 
 def _memory(config: BaseConfig, folder: Path) -> Iterator[Line]:

@@ -1,49 +1,46 @@
-"""Where the cameras stand, from whichever source says so: the configuration, a surveyed site file, or the boxes.
+"""Where the cameras stand, from whichever source says so: the configuration and its survey, or the boxes.
 
-The hazard is a frame that moves. All estimation is about one origin; it is fixed by the first complete set of
-positions and kept, because a better fix of one tripod must not shift every target by a metre.
+Two hazards. A frame that moves: all estimation is about one origin; it is fixed by the first complete set of positions
+and kept, because a better fix of one tripod must not shift every target by a metre. And a position of another point:
+a receiver measures its antenna, the geometry needs the lens. The offset between them has one home, the box
+(gnss.lever_arm_m), and a fix says which point it is of; where that is the antenna, sigma covers the offset that nobody
+measured, or every target would be off by it with a sigma that says otherwise.
 """
 
-import tomllib
-from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from calib.geodesy import Origin, geodetic_to_enu
 from calib.observations import SiteCamera
-from calib.station.config import MIN_CAMERAS, BaseConfig, CameraSection
+from calib.station.config import MIN_CAMERAS, CameraSection, Sigmas
 from calib.station.core.intake import CameraIntake
-from edge.common import settings
 from edge.common.arrays import Array
-from edge.common.errors import ConfigError
+from edge.common.health import Check
+from edge.messages import Fix
+
+LEAST_SIGMA_M: Final = 0.005  # no receiver on a tripod does better, whatever it says
+# The offset of an antenna that nobody measured, one sigma east, north, up. Refusing such fixes would put out every site
+# whose antenna is at the lens, and every box too old to say which point its fix is of. Antennas stand up to 0.3 m above
+# the lens and 0.1 m beside it: 0.17 and 0.06 m rms. Boxes of a site are built alike, so that this does not average over
+# its cameras as sigmas do: times the root of the three that a site has at least.
+UNKNOWN_OFFSET_M: Final = (0.1, 0.1, 0.3)
 
 
-def with_survey(config: BaseConfig, folder: Path) -> dict[str, CameraSection]:
-    """The configured cameras by id, positions filled in from the survey's site file where there is one.
-
-    folder: what a relative path is relative to. Raises ConfigError if the file is none.
-    """
-    surveyed = _read(folder / config.site.survey) if config.site.survey else {}
-    cameras = {camera.id: camera for camera in config.camera}
-    for camera_id, camera in cameras.items():
-        if camera.position is None and camera_id in surveyed:
-            cameras[camera_id] = surveyed[camera_id]
-    return cameras
+def lens_position(fix: Fix) -> tuple[Origin, Sigmas]:
+    """The lens by a box's fix: latitude deg, longitude deg, ellipsoidal m; one sigma east, north, up, m."""
+    offset_m = UNKNOWN_OFFSET_M if fix.of == "antenna" else (0.0, 0.0, 0.0)
+    east, north, up = np.hypot(np.maximum(fix.sigma_m, LEAST_SIGMA_M), offset_m).tolist()
+    return (fix.lat_deg, fix.lon_deg, fix.height_m), (east, north, up)
 
 
-def _read(path: Path) -> dict[str, CameraSection]:
-    try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-        rows = [row for row in tree.get("camera", []) if "position" in row]
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(
-            f"no site file ({error})", where=str(path), action="run base-station survey, or correct [site] survey"
-        ) from error
-    known = ("id", "position", "position_sigma")
-    cameras = [
-        settings.build({key: row[key] for key in known if key in row}, CameraSection, where=str(path)) for row in rows
-    ]
-    return {camera.id: camera for camera in cameras}
+def check_offset(camera: str, fix: Fix) -> list[Check]:
+    """What to do about a fix that is of the antenna; nothing if it is of the lens."""
+    if fix.of == "lens":
+        return []
+    reason = f"its fix is of the antenna, not of the lens: {UNKNOWN_OFFSET_M[2]} m is added to the sigma of its height"
+    action = "measure from the lens to the antenna and give gnss.lever_arm_m in the box's edge.toml"
+    return [Check(f"antenna {camera}", "warn", reason, action)]
 
 
 class Positions:
@@ -56,28 +53,29 @@ class Positions:
     def update(self, boxes: dict[str, CameraIntake]) -> None:
         """Choose the origin, once enough positions are known."""
         if self.origin is None:
-            known = [place for camera in self._cameras if (place := self._geodetic(camera, boxes)) is not None]
+            known = [place[0] for camera in self._cameras if (place := self._geodetic(camera, boxes[camera]))]
             if len(known) >= min(MIN_CAMERAS, len(self._cameras)):
                 latitude, longitude, height = np.mean(known, axis=0).tolist()
                 self.origin = (latitude, longitude, height)
 
-    def _geodetic(self, camera: str, boxes: dict[str, CameraIntake]) -> tuple[float, float, float] | None:
-        fix, section = boxes[camera].fix, self._cameras[camera]
+    def _geodetic(self, camera: str, box: CameraIntake) -> tuple[Origin, Sigmas] | None:
+        section = self._cameras[camera]
         if section.position is not None:
-            return section.position
-        return None if fix is None else (fix.lat_deg, fix.lon_deg, fix.height_m)
+            return section.position, section.position_sigma
+        return None if box.fix is None else lens_position(box.fix)
 
     def of(self, camera: str, box: CameraIntake) -> tuple[Array, Array] | None:
         """(3,) ENU metres and (3, 3) covariance of a camera's optical centre, or None if it is not known."""
-        place = self._geodetic(camera, {camera: box})
+        place = self._geodetic(camera, box)
         if place is None or self.origin is None:
             return None
-        section = self._cameras[camera]
-        enu = geodetic_to_enu(np.array([place]), self.origin)[0]
-        if section.position is not None:
-            return enu, np.diag(np.square(section.position_sigma))
-        assert box.fix is not None
-        return enu + section.antenna_to_camera_m, np.diag(np.square(np.maximum(box.fix.sigma_m, 0.005)))
+        geodetic, sigma_m = place
+        return geodetic_to_enu(np.array([geodetic]), self.origin)[0], np.diag(np.square(sigma_m))
+
+    def checks(self, boxes: dict[str, CameraIntake]) -> list[Check]:
+        """The cameras whose position in force is their antenna's."""
+        used = [box for camera, box in boxes.items() if self._cameras[camera].position is None]
+        return [check for box in used if box.fix is not None for check in check_offset(box.id, box.fix)]
 
     def site_camera(self, camera: str, box: CameraIntake) -> SiteCamera | None:
         """What is known of a camera before calibrating, or None without a lens."""

@@ -336,6 +336,7 @@ class Station:
 
     def _assess(self, now_ns: int, now_unix_ns: int) -> Health:
         checks = self.intake.checks(now_ns, self.config.tracking.stale_s)
+        checks += self.positions.checks(self.intake.cameras)
         checks += [
             Check(f"guard {camera}", "warn", why, "fly where it and two others see it")
             for camera, why in self.calibration.suspects.items()

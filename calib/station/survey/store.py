@@ -77,7 +77,7 @@ class CameraTable(Table, frozen=True, kw_only=True):
 
     id: Name
     position: Geodetic | None = None
-    position_sigma: Sigmas | None = None
+    position_sigma: tuple[Positive, Positive, Positive] | None = None
     entered: EnteredTable | None = None
     occupation: tuple[OccupationTable, ...] = ()
 

@@ -1,11 +1,13 @@
 """Every fault in a configuration is named: file, key, what is allowed, the nearest valid key."""
 
 from pathlib import Path
+from typing import ClassVar
 
 import msgspec
 import pytest
 
 from edge.common.errors import ConfigError
+from edge.common.settings import build
 from edge.config import BoxConfig, load, load_box, load_lens
 from tests.places import DEPLOY
 
@@ -99,3 +101,23 @@ def keys_of(section: type[msgspec.Struct]) -> set[str]:
                 if isinstance(option, type) and issubclass(option, msgspec.Struct):
                     found |= keys_of(option)
     return found
+
+
+class Moved(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Had a key once."""
+
+    MOVED: ClassVar[dict[str, tuple[str, str]]] = {"height": ("is in another file now", "give it there")}
+
+    heights: float = 0.0
+
+
+class Outer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of tables."""
+
+    row: list[Moved]
+
+
+def test_a_key_that_moved_is_said_with_where_it_went_and_not_guessed_at() -> None:
+    with pytest.raises(ConfigError, match="is in another file now") as caught:
+        build({"row": [{"height": 1.0}]}, Outer, where="a.toml")
+    assert caught.value.action == "give it there"

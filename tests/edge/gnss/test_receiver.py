@@ -17,7 +17,7 @@ from edge.common.errors import ConfigError
 from edge.config import GnssConfig
 from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.port import Fault, PortError, ReceiverPort, open_port
-from edge.gnss.receiver import Receiver
+from edge.gnss.receiver import Receiver, check_antenna
 from tests.conftest import Until
 from tools.doubles.receiver import Place, gga, rmc
 
@@ -300,3 +300,10 @@ def test_no_permission(tmp_path: Path) -> None:
 def test_an_antenna_beside_the_lens_is_refused() -> None:
     with pytest.raises(ConfigError, match="beside the lens"):
         Receiver(GnssConfig(device="/dev/x", lever_arm_m=(0.1, 0.0, 0.2)))
+
+
+def test_a_box_says_whether_it_knows_where_its_antenna_stands() -> None:
+    assert check_antenna(GnssConfig(device="/dev/x", lever_arm_m=(0.0, 0.0, 0.12))).level == "ok"
+    unknown = check_antenna(GnssConfig(device="/dev/x"))
+    assert unknown.level == "warn"
+    assert "gnss.lever_arm_m" in unknown.action

@@ -14,8 +14,8 @@ from calib.errors import CalibrationError
 from calib.geodesy import enu_to_geodetic, geodetic_to_enu
 from calib.network import Camera, Network
 from calib.station.config import BaseConfig, CameraSection, SiteSection
-from calib.station.core.positions import with_survey
 from calib.station.survey import edit
+from calib.station.survey.in_force import with_survey
 from calib.station.survey.store import (
     AntennaTable,
     OccupationTable,
