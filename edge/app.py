@@ -20,6 +20,7 @@ import msgspec
 from edge import __version__
 from edge.common.errors import ConfigError, SkyfixError
 from edge.config import BoxConfig, load, load_box
+from edge.lens import DEFAULT_LENS, measured_names
 
 if TYPE_CHECKING:
     from edge.camera import CameraWorker
@@ -78,7 +79,7 @@ def _add_lens(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     lens.add_argument("--board", required=True, metavar="COLSxROWS", help="inner corners of the board, such as 9x6")
     lens.add_argument("--pattern", choices=("chessboard", "charuco"), default="chessboard", help="default: chessboard")
     lens.add_argument("--square-mm", type=float, default=1.0, metavar="S", help="side of a square; any value serves")
-    lens.add_argument("--model", choices=("radtan", "fisheye"), default="radtan", help="default: radtan")
+    lens.add_argument("--model", choices=measured_names(), default=DEFAULT_LENS, help=f"default: {DEFAULT_LENS}")
     lens.add_argument("-o", "--output", required=True, type=Path, metavar="LENS.toml", help="where to write the lens")
     lens.set_defaults(command=_lens)
 

@@ -20,8 +20,7 @@ from edge.common.health import SEVERITY, Check
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector import open_detector
 from edge.gate import TrackRow
-from edge.lens import LensModel
-from edge.messages import Lens, Tracks
+from edge.messages import Tracks
 from edge.pipeline import CameraFacts, Pipeline, SideBySide
 from edge.view import ViewWatch
 
@@ -190,15 +189,3 @@ def check_view(camera: str, view: ViewWatch) -> Check:
         action = "fix the tripod; the base station must calibrate this camera again"
         return Check(name, "warn", f"the camera was bumped or re-aimed: the picture moved by {size_px:.0f} px", action)
     return Check(name, "ok", "the camera stands still")
-
-
-def lens_message(lens: LensModel) -> Lens:
-    """A lens as it goes over the wire."""
-    return Lens(
-        model=lens.model,
-        intrinsics=lens.intrinsics,
-        distortion=list(lens.distortion),
-        rms_px=lens.rms_px,
-        size_px=lens.size_px,
-        focal_sigma_px=lens.focal_sigma_px,
-    )

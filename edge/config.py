@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from edge.common.errors import ConfigError, LensError
 from edge.common.settings import build, load
-from edge.lens import LensModel
+from edge.lens import LensModel, LensName, check_lens_name
 from edge.link.settings import BOX_LINK, LinkSettings
 from edge.messages import Name, Pixel, SizePx, TimeNs
 
@@ -68,7 +68,7 @@ class SourceConfig(Section, frozen=True, kw_only=True):
 class LensConfig(Section, frozen=True, kw_only=True):
     """A lens: the numbers `edge-node lens` writes."""
 
-    model: Annotated[Literal["radtan", "fisheye"], Meta(description="OpenCV's pinhole or fisheye model")]
+    model: Annotated[LensName, Meta(description="OpenCV's pinhole or fisheye model")]
     intrinsics: Annotated[tuple[Pixel, Pixel, Pixel, Pixel], Meta(description="fx, fy, cx, cy in pixels")]
     distortion: Annotated[tuple[Coefficient, ...], Meta(description="coefficients in OpenCV's order")]
     size_px: Annotated[SizePx, Meta(description="width and height of the pictures it was measured on")]
@@ -78,6 +78,9 @@ class LensConfig(Section, frozen=True, kw_only=True):
         Meta(description="one sigma of fx and fy; left out: a hundredth of them"),
     ] = None
     report: Annotated[dict[str, Any], Meta(description="how the lens was measured; not read")] = {}
+
+    def __post_init__(self) -> None:
+        check_lens_name("model", self.model)
 
 
 class DetectorConfig(Section, frozen=True, kw_only=True):
@@ -229,13 +232,6 @@ def load_lens(camera: CameraConfig, config_file: Path) -> LensModel:
             raise ConfigError("no such lens file", where=where, action=f"{measure}, or give a [camera.lens] table")
         where, numbers = str(file), load(file, LensConfig)
     try:
-        return LensModel(
-            model=numbers.model,
-            intrinsics=numbers.intrinsics,
-            distortion=numbers.distortion,
-            size_px=numbers.size_px,
-            rms_px=numbers.rms_px,
-            focal_sigma_px=numbers.focal_sigma_px,
-        )
+        return LensModel.of(numbers)
     except LensError as error:
         raise ConfigError(error.what, where=where, action=error.action) from error

@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from edge.common.errors import MessageError
 from edge.common.health import HealthLevel
+from edge.lens import LensModel, LensName, check_lens_name
 
 VERSION: Final = 1
 ENCODING: Final = "application/json"
@@ -76,12 +77,27 @@ class Tracks(msgspec.Struct, frozen=True, kw_only=True):
 class Lens(msgspec.Struct, frozen=True, kw_only=True):
     """A camera's lens as its box knows it; `distortion` in OpenCV's order."""
 
-    model: Literal["radtan", "fisheye"]
+    model: LensName
     intrinsics: tuple[float, float, float, float]
     distortion: Annotated[list[float], Meta(max_length=8)]
     rms_px: Sigma
     size_px: SizePx
     focal_sigma_px: Annotated[float, Meta(gt=0, le=1e5)] | None = None
+
+    def __post_init__(self) -> None:
+        check_lens_name("model", self.model)
+
+    @classmethod
+    def of(cls, lens: LensModel) -> "Lens":
+        """A lens as it goes over the wire; LensModel.of is the way back."""
+        return cls(
+            model=lens.model,
+            intrinsics=lens.intrinsics,
+            distortion=list(lens.distortion),
+            rms_px=lens.rms_px,
+            size_px=lens.size_px,
+            focal_sigma_px=lens.focal_sigma_px,
+        )
 
 
 class Fix(msgspec.Struct, frozen=True, kw_only=True):

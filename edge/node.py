@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Final
 
-from edge.camera import CameraWorker, lens_message
+from edge.camera import CameraWorker
 from edge.capture import is_live
 from edge.clock import ClockMonitor, check_clock
 from edge.common.health import Check
@@ -24,7 +24,7 @@ from edge.health import HealthBoard
 from edge.link.health import LinkHealth
 from edge.link.link import Link
 from edge.link.spool import Spool, SpoolSettings
-from edge.messages import Tracks, camera_key, encode
+from edge.messages import Lens, Tracks, camera_key, encode
 from edge.temperature import check_temperature
 from edge.thumbnail import focus_score, thumbnail
 
@@ -91,7 +91,7 @@ class Node:
             spool = Spool(settings, self._link.serve(camera_key(site, camera, "backlog")))
             self._spools[camera] = self._resources.enter_context(spool)
         self._link.declare_presence(camera_key(site, camera))
-        self._link.set_state(camera_key(site, camera, "lens"), lens_message(worker.lens))
+        self._link.set_state(camera_key(site, camera, "lens"), Lens.of(worker.lens))
 
     def run(self) -> bool:
         """Say how things are once a second until told to stop or nothing is left to do; whether all went well."""

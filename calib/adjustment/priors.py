@@ -18,7 +18,6 @@ from edge.common.arrays import Array
 
 FOCAL_SIGMA: Final = 0.01  # of the focal length: what checkerboard calibrations of consumer cameras disagree by
 PRINCIPAL_SIGMA: Final = 0.01  # of the focal length, likewise
-K1_SIGMA: Final = 0.01  # moves a pixel at 0.5 ray units by 1e-3 of the focal length
 CLOCK_SIGMA_S: Final = 0.5  # a box that says nothing of its clock, once the coarse search has aligned it
 RATE_SIGMA: Final = 1e-3  # s/s: stamps counted at 30 frames a second that were 29.97 run 1001 ppm fast
 READOUT_SIGMA_S: Final = 0.01  # rolling shutters take 5 to 30 ms
@@ -68,7 +67,7 @@ class CameraPrior:
         away[RATE] = camera.clock_rate - self.mean.clock_rate
         away[READOUT] = camera.readout_s - self.mean.readout_s
         away[LENS.start : LENS.start + 4] = np.subtract(camera.lens.intrinsics, self.mean.lens.intrinsics)
-        away[LENS.stop - 1] = camera.lens.distortion[0] - self.mean.lens.distortion[0]
+        away[LENS.stop - 1] = camera.lens.refined_coefficient - self.mean.lens.refined_coefficient
         away[self.fixed] = 0.0
         return away
 
@@ -99,12 +98,13 @@ def _cross(v: Array) -> Array:
 
 
 def lens_sigma(camera: Camera) -> Array:
-    """(5,) one sigma of fx, fy, cx, cy (px) and k1: the lens report's where it says so, else a hundredth."""
+    """(5,) one sigma of fx, fy, cx, cy (px) and the refined coefficient: the lens report's, else a hundredth."""
     focal = camera.lens.focal_sigma_px
     fx, fy = camera.lens.intrinsics[:2]
+    coefficient = camera.lens.kind.refined_sigma
     if focal is not None:
-        return np.array([focal, focal, focal, focal, K1_SIGMA * focal / (FOCAL_SIGMA * fx)])
-    return np.array([FOCAL_SIGMA * fx, FOCAL_SIGMA * fy, PRINCIPAL_SIGMA * fx, PRINCIPAL_SIGMA * fy, K1_SIGMA])
+        return np.array([focal, focal, focal, focal, coefficient * focal / (FOCAL_SIGMA * fx)])
+    return np.array([FOCAL_SIGMA * fx, FOCAL_SIGMA * fy, PRINCIPAL_SIGMA * fx, PRINCIPAL_SIGMA * fy, coefficient])
 
 
 def camera_priors(

@@ -22,7 +22,7 @@ CENTRE: Final = slice(3, 6)  # m, ENU
 OFFSET: Final = 6  # s
 RATE: Final = 7  # s/s
 READOUT: Final = 8  # s
-LENS: Final = slice(9, 14)  # fx, fy, cx, cy (px), k1
+LENS: Final = slice(9, 14)  # fx, fy, cx, cy (px), the distortion's refined coefficient
 CAMERA_SIZE: Final = 14
 
 # A point this near (or behind) has no image; its residual is set aside rather than let to explode.
@@ -96,5 +96,5 @@ def project(camera: Camera, data: CameraData, flight: Flight, control: Array) ->
     by_camera[:, 0, 9] = image.xy[:, 0]
     by_camera[:, 1, 10] = image.xy[:, 1]
     by_camera[:, 0, 11] = by_camera[:, 1, 12] = 1.0
-    by_camera[:, :, 13] = image.by_k1 * focal
+    by_camera[:, :, 13] = image.by_coefficient * focal
     return Projected(residual, by_point, by_camera, located, in_front & (stretch >= 0))

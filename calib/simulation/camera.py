@@ -61,7 +61,7 @@ class TrueCamera:
         rays = in_camera[:, :2] / depth[:, None]
         pixels = ray_to_pixel(self.lens, rays)
         seen = np.all((pixels >= 0) & (pixels <= np.array(self.lens.size_px) - 1.0), axis=1)
-        if any(self.lens.distortion) or self.lens.model == "fisheye":
+        if not self.lens.is_pinhole:
             # A polynomial folds far rays back into the image: only what the lens takes back the same way is seen.
             seen[seen] = np.abs(pixel_to_ray(self.lens, pixels[seen]) - rays[seen]).max(axis=1, initial=0.0) < 1e-6
         return np.where(seen[:, None], pixels, np.nan), np.where(seen, depth, np.nan)

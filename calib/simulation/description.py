@@ -12,6 +12,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from edge.lens import DEFAULT_LENS, LensName
+
 Metres3 = tuple[float, float, float]
 Positive = Annotated[float, Meta(gt=0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0, le=1e6)]
@@ -56,7 +58,7 @@ class Blind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class LensFault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One sigma of what is drawn onto the published lens: focal as a fraction, centre in pixels, k1."""
+    """One sigma of what is drawn onto the published lens: focal as a fraction, centre in pixels, k1 or its like."""
 
     focal: NotNegative = 0.0
     centre_px: NotNegative = 0.0
@@ -73,7 +75,7 @@ class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     id: Name
     size_px: tuple[Annotated[int, Meta(ge=16, le=65535)], Annotated[int, Meta(ge=16, le=65535)]] = (1920, 1080)
-    lens: Literal["radtan", "fisheye"] = "radtan"
+    lens: LensName = DEFAULT_LENS
     intrinsics: tuple[float, float, float, float] = (1000.0, 1000.0, 960.0, 540.0)
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     published_intrinsics: tuple[float, float, float, float] | None = None

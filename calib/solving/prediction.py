@@ -76,7 +76,7 @@ def _by_unknowns(camera: Camera, by_pose: Array, points_enu: Array) -> Array:
     first = LENS.start
     by_all[:, 0, first], by_all[:, 1, first + 1] = bent.xy.T
     by_all[:, 0, first + 2] = by_all[:, 1, first + 3] = 1.0
-    by_all[:, :, first + 4] = bent.by_k1 * camera.lens.intrinsics[:2]
+    by_all[:, :, first + 4] = bent.by_coefficient * camera.lens.intrinsics[:2]
     return by_all
 
 

@@ -10,6 +10,7 @@ import functools
 import math
 import re
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -25,6 +26,7 @@ MOVED: Final = "MOVED"
 FIX_IT: Final = "correct it and start again"
 _UNKNOWN: Final = re.compile(r"unknown field `(?P<key>[^`]*)`")
 _MISSING: Final = re.compile(r"missing required field `(?P<key>[^`]*)`")
+_NAMED: Final = re.compile(r"^field `(?P<key>[^`]*)`: ")  # what a struct's own check found
 _AT: Final = re.compile(r" - at `\$(?P<path>[^`]*)`$")
 _STEP: Final = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
 
@@ -82,6 +84,8 @@ def _explain(message: str, tree: dict[str, Any], kind: type[msgspec.Struct], whe
         key = _join(path, missing["key"])
         wanted = _in_words(_type_at(kind, f"{path}.{missing['key']}"))
         return ConfigError(f"key {key} is missing", where=where, action=f"add it: {wanted}")
+    if named := _NAMED.search(said):
+        path, said = f"{path}.{named['key']}", said[named.end() :]
     key = path.lstrip(".") or "(the whole file)"
     value = _value_at(tree, path)
     fault = f"key {key} = {value!r} is not allowed ({said[:1].lower()}{said[1:]})"
@@ -171,7 +175,8 @@ def allowed(kind: inspect.Type) -> str:
 
 @allowed.register
 def _(kind: inspect.Metadata) -> str:
-    return allowed(kind.type)
+    names = (kind.extra_json_schema or {}).get("enum")
+    return _one_of(names) if names else allowed(kind.type)
 
 
 @allowed.register
@@ -181,7 +186,11 @@ def _(kind: inspect.UnionType) -> str:
 
 @allowed.register
 def _(kind: inspect.LiteralType) -> str:
-    return "one of " + ", ".join(f'"{value}"' for value in kind.values)
+    return _one_of(kind.values)
+
+
+def _one_of(values: Iterable[object]) -> str:
+    return "one of " + ", ".join(f'"{value}"' for value in values)
 
 
 @allowed.register(inspect.IntType)

@@ -42,14 +42,7 @@ def messages(scene: Scene, end_s: float) -> list[tuple[int, str, bytes]]:
 
 
 def _lens(camera: SiteCamera) -> Lens:
-    lens = camera.lens
-    return Lens(
-        model=lens.model,
-        intrinsics=lens.intrinsics,
-        distortion=list(lens.distortion),
-        rms_px=lens.rms_px,
-        size_px=lens.size_px,
-    )
+    return Lens.of(camera.lens)
 
 
 def _tracks(camera: SiteCamera, stamp: int, seq: int, pixel: tuple[float, float], track: int) -> Tracks:

@@ -51,14 +51,7 @@ class Player:
         self.times = sorted(self.frames)
 
     def lens_message(self) -> Lens:
-        lens = self.lens
-        return Lens(
-            model=lens.model,
-            intrinsics=lens.intrinsics,
-            distortion=list(lens.distortion),
-            rms_px=lens.rms_px,
-            size_px=lens.size_px,
-        )
+        return Lens.of(self.lens)
 
     def detections(self, t_unix_ns: int) -> list[Detection]:
         found = []

@@ -23,14 +23,7 @@ class Sent(NamedTuple):
 
 def lens_message(camera: Camera) -> Lens:
     """What the camera's box says of its lens."""
-    lens = camera.lens
-    return Lens(
-        model=lens.model,
-        intrinsics=lens.intrinsics,
-        distortion=list(lens.distortion),
-        rms_px=lens.rms_px,
-        size_px=lens.size_px,
-    )
+    return Lens.of(camera.lens)
 
 
 def fix_message(camera: Camera, sigma_m: float = 0.02) -> Fix:

@@ -92,14 +92,7 @@ def _origin(boxes: dict[str, _Box]) -> Origin:
 def _site_camera(name: str, box: _Box, origin: Origin, path: Path) -> SiteCamera:
     assert box.lens is not None
     try:
-        lens = LensModel(
-            box.lens.model,
-            box.lens.intrinsics,
-            tuple(box.lens.distortion),
-            box.lens.size_px,
-            box.lens.rms_px,
-            box.lens.focal_sigma_px,
-        )
+        lens = LensModel.of(box.lens)
     except LensError as error:
         raise ConfigError(error.what, where=f"{path}: camera {name}", action=error.action) from error
     position = covariance = None

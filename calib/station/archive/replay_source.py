@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from calib.geodesy import enu_to_geodetic
 from calib.observations import Observations, Scene, SiteCamera
 from calib.station.archive import recording, trackfolder
-from edge.camera import lens_message
 from edge.common.arrays import Array
 from edge.common.errors import RecordingError
 from edge.lens import pixel_to_ray
-from edge.messages import Detection, Fix, Tracks, camera_of_key, encode
+from edge.messages import Detection, Fix, Lens, Tracks, camera_of_key, encode
 
 SILENCE_NS: Final = 1_000_000_000  # a camera that sees nothing says so this often
 STATES: Final = ("lens", "fix")  # topics that late joiners are told too
@@ -82,7 +81,7 @@ def _of_scene(scene: Scene, epoch: int) -> Iterator[Said]:
     first = min(int(seen.t_unix_ns[0]) for seen in observations.values() if len(seen))
     last = max(int(seen.t_unix_ns[-1]) for seen in observations.values() if len(seen))
     for camera in scene.cameras:
-        yield Said(first, camera.id, "lens", encode(lens_message(camera.lens)))
+        yield Said(first, camera.id, "lens", encode(Lens.of(camera.lens)))
         if camera.position_enu is not None:
             yield Said(first, camera.id, "fix", encode(_fix(camera, scene, first)))
     boxes = [

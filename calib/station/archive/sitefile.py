@@ -5,7 +5,7 @@ leave out has a default; what is unknown stays None, because "nothing is known" 
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -16,7 +16,7 @@ from calib.observations import SiteCamera
 from calib.station.config import UNSTATED_SIGMA_M, Geodetic, Sigmas
 from edge.common import settings
 from edge.common.errors import ConfigError, LensError
-from edge.lens import LensModel
+from edge.lens import LensModel, LensName, check_lens_name
 from edge.messages import Name, SizePx
 
 
@@ -30,7 +30,7 @@ class _Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     id: Name
     size_px: SizePx
-    lens: Literal["radtan", "fisheye"]
+    lens: LensName
     intrinsics: tuple[float, float, float, float]
     distortion: list[float]
     position: Geodetic | None = None
@@ -40,6 +40,9 @@ class _Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     readout_s: Annotated[float, Meta(ge=0, le=1)] | None = None
     up_cam: tuple[float, float, float] | None = None
     up_sigma_deg: Annotated[float, Meta(gt=0, le=45)] | None = None
+
+    def __post_init__(self) -> None:
+        check_lens_name("lens", self.lens)
 
 
 class SiteFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

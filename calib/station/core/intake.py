@@ -188,15 +188,7 @@ class Intake:
     def lens(self, camera: CameraIntake, payload: bytes, now_ns: int) -> bool:
         """Take a lens; whether it is another than before."""
         try:
-            message = decode(payload, Lens, where=camera.id)
-            lens = LensModel(
-                message.model,
-                message.intrinsics,
-                tuple(message.distortion),
-                message.size_px,
-                message.rms_px,
-                message.focal_sigma_px,
-            )
+            lens = LensModel.of(decode(payload, Lens, where=camera.id))
         except (MessageError, LensError) as error:
             camera.fault("lens", error.what, "check the box's lens file", now_ns)
             return False

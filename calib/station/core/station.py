@@ -369,7 +369,6 @@ def _camera_message(network: Network, camera_id: str) -> NetworkCamera:
     camera = network.camera(camera_id)
     assert camera is not None
     sigma = np.sqrt(np.maximum(np.diag(network.pose_covariance(camera_id)), 0.0))
-    lens = camera.lens
     a, b, c, d, e, f, g, h, i = camera.R_cam_enu.ravel().tolist()
     return NetworkCamera(
         id=camera.id,
@@ -380,14 +379,7 @@ def _camera_message(network: Network, camera_id: str) -> NetworkCamera:
         clock_offset_s=camera.clock_offset_s,
         clock_rate=camera.clock_rate,
         readout_s=camera.readout_s,
-        lens=LensMessage(
-            model=lens.model,
-            intrinsics=lens.intrinsics,
-            distortion=list(lens.distortion),
-            rms_px=lens.rms_px,
-            size_px=lens.size_px,
-            focal_sigma_px=lens.focal_sigma_px,
-        ),
+        lens=LensMessage.of(camera.lens),
     )
 
 

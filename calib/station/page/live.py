@@ -195,10 +195,9 @@ def target_rows(message: Targets, origin: Origin) -> list[dict[str, Any]]:
 
 def corners(camera: NetworkCamera) -> list[list[float]]:
     """Unit vectors (ENU) to the four corners of a camera's image; fewer where its lens model ends before them."""
-    lens = camera.lens
-    model = LensModel(lens.model, lens.intrinsics, tuple(lens.distortion), lens.size_px)
+    lens = LensModel.of(camera.lens)
     right, bottom = lens.size_px[0] - 1.0, lens.size_px[1] - 1.0
-    rays = pixel_to_ray(model, np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]]))
+    rays = pixel_to_ray(lens, np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]]))
     rays = rays[np.all(np.isfinite(rays), axis=1)]
     return _towards(rays, np.array(camera.R_cam_enu).reshape(3, 3))
 

@@ -9,30 +9,23 @@ at a time, and named.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import cv2
 import numpy as np
 
-from edge.boards import BoardView
 from edge.common.arrays import Array
 from edge.common.errors import LensError
-from edge.lens import LensModel, pixel_to_ray, ray_to_pixel
-
-Model = Literal["radtan", "fisheye"]
+from edge.lens import LENS_KINDS, LensModel, pixel_to_ray, ray_to_pixel
+from edge.lens_fit.boards import BoardView
 
 FEWEST_VIEWS: Final = 6  # below, focal length and distortion are not told apart
 OUTLIER_RATIO: Final = 2.5  # times the median rms of a view: a blurred or bent board
 OUTLIER_FLOOR_PX: Final = 0.3  # px: no view as good as this is called an outlier
 MOST_REJECTED: Final = 1 / 3  # of the views: if more are bad, it is the model that is wrong
 FOLDS: Final = 5
-MOST_COEFFICIENTS: Final = 8
 WORTH_IT: Final = 0.98  # a larger model must lower the held-out rms below this share
 COVERAGE_CELLS: Final = (8, 6)  # columns, rows of the coverage map
-
-# OpenCV's flags and how many of its coefficients are free: 4 (k1 k2 p1 p2), 5 (k3), 8 (rational).
-RADTAN_FLAGS: Final = {4: cv2.CALIB_FIX_K3, 5: 0, 8: cv2.CALIB_RATIONAL_MODEL}
-FISHEYE_FLAGS: Final = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
 
 
 @dataclass(frozen=True)
@@ -49,15 +42,6 @@ class LensFit:
 
 
 @dataclass(frozen=True)
-class _Calibration:
-    """What OpenCV gives: the camera matrix (3, 3), the coefficients, and the turn and shift (3,) of every view."""
-
-    matrix: Array
-    distortion: Array
-    poses: list[tuple[Array, Array]]
-
-
-@dataclass(frozen=True)
 class _LensFit:
     lens: LensModel
     view_rms: Array
@@ -67,14 +51,14 @@ class _LensFit:
         return float(np.sqrt(np.mean(self.view_rms**2)))
 
 
-def fit_lens(views: Sequence[BoardView], size_px: tuple[int, int], model: Model) -> LensFit:
+def fit_lens(views: Sequence[BoardView], size_px: tuple[int, int], model: str) -> LensFit:
     """The lens that views of a board show. size_px: width, height of the pictures. Raises LensError if too few."""
     used = list(views)
     rejected: dict[str, str] = {}
     _need(used)
     # With the most flexible model first: a picture is only bad if even that cannot explain it, and one bad picture
     # left in would make every choice of a model for the rest of them.
-    _reject(used, rejected, size_px, model, MOST_COEFFICIENTS)
+    _reject(used, rejected, size_px, model, max(LENS_KINDS[model].coefficients))
     coefficients = _choose(used, size_px, model)
     fit = _reject(used, rejected, size_px, model, coefficients)
     held_out, focal_sigma = _cross_validate(used, size_px, model, coefficients)
@@ -86,8 +70,8 @@ def fit_lens(views: Sequence[BoardView], size_px: tuple[int, int], model: Model)
 
 
 def _reject(
-    used: list[BoardView], rejected: dict[str, str], size_px: tuple[int, int], model: Model, coefficients: int
-) -> "_LensFit":
+    used: list[BoardView], rejected: dict[str, str], size_px: tuple[int, int], model: str, coefficients: int
+) -> _LensFit:
     """Fit, moving the worst views from used to rejected one at a time until none is far worse than the others."""
     most = MOST_REJECTED * (len(used) + len(rejected))
     while True:
@@ -109,58 +93,35 @@ def _need(views: Sequence[BoardView]) -> None:
         )
 
 
-def _choose(views: Sequence[BoardView], size_px: tuple[int, int], model: Model) -> int:
+def _choose(views: Sequence[BoardView], size_px: tuple[int, int], model: str) -> int:
     """The fewest coefficients that held-out views ask for."""
-    if model == "fisheye":
-        return 4
-    best, best_rms = 4, _cross_validate(views, size_px, model, 4)[0]
-    for coefficients in (5, 8):
+    best, *others = LENS_KINDS[model].coefficients
+    if not others:
+        return best
+    best_rms = _cross_validate(views, size_px, model, best)[0]
+    for coefficients in others:
         rms = _cross_validate(views, size_px, model, coefficients)[0]
         if rms < WORTH_IT * best_rms:
             best, best_rms = coefficients, rms
     return best
 
 
-def _calibrate(views: Sequence[BoardView], size_px: tuple[int, int], model: Model, coefficients: int) -> _LensFit:
-    """Zhang's method by OpenCV; the residuals are taken again with our own lens model.
+def _calibrate(views: Sequence[BoardView], size_px: tuple[int, int], model: str, coefficients: int) -> _LensFit:
+    """Zhang's method as the lens model does it; the residuals are taken again with our own lens model.
 
     Each in the pose of the fit, from the board to the picture: while a bad picture is still among them the fitted lens
     may be one that has no ray for a good one's corners, and the good one would be blamed.
     """
     try:
-        found = (_fisheye if model == "fisheye" else _radtan)(views, size_px, coefficients)
+        boards, corners = [view.board_mm for view in views], [view.image_px for view in views]
+        found = LENS_KINDS[model].fit(boards, corners, size_px, coefficients)
     except cv2.error as error:
         action = "take more pictures, with the board tilted and nearer the corners"
         raise LensError(
             f"the fit does not converge ({error.err})", where="pictures of the board", action=action
         ) from error
-    intrinsics = (found.matrix[0, 0], found.matrix[1, 1], found.matrix[0, 2], found.matrix[1, 2])
-    lens = LensModel(model, tuple(map(float, intrinsics)), tuple(map(float, found.distortion)), size_px)  # type: ignore[arg-type]
+    lens = LensModel(model, found.intrinsics, found.distortion, size_px)
     return _LensFit(lens, np.array([_rms(lens, view, *pose) for view, pose in zip(views, found.poses, strict=True)]))
-
-
-def _radtan(views: Sequence[BoardView], size_px: tuple[int, int], coefficients: int) -> _Calibration:
-    boards = [view.board_mm.astype(np.float32) for view in views]
-    corners = [view.image_px.astype(np.float32) for view in views]
-    fitted = cv2.calibrateCamera(boards, corners, size_px, None, None, flags=RADTAN_FLAGS[coefficients])
-    _, matrix, distortion, turns, shifts = fitted
-    return _calibration(matrix, np.asarray(distortion).ravel()[:coefficients], turns, shifts)
-
-
-def _fisheye(views: Sequence[BoardView], size_px: tuple[int, int], _: int) -> _Calibration:
-    boards = [view.board_mm.reshape(1, -1, 3) for view in views]
-    corners = [view.image_px.reshape(1, -1, 2) for view in views]
-    guess = np.array([[size_px[0] / 3, 0, size_px[0] / 2], [0, size_px[0] / 3, size_px[1] / 2], [0, 0, 1.0]])
-    flags = FISHEYE_FLAGS | cv2.CALIB_USE_INTRINSIC_GUESS
-    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9)
-    fitted = cv2.fisheye.calibrate(boards, corners, size_px, guess, np.zeros(4), flags=flags, criteria=criteria)
-    return _calibration(*fitted[1:])
-
-
-def _calibration(matrix: object, distortion: object, turns: Sequence[object], shifts: Sequence[object]) -> _Calibration:
-    turned, shifted = ([np.asarray(each, float).ravel() for each in vectors] for vectors in (turns, shifts))
-    poses = list(zip(turned, shifted, strict=True))
-    return _Calibration(np.asarray(matrix, float), np.asarray(distortion, float).ravel(), poses)
 
 
 def _held_out_rms(lens: LensModel, view: BoardView) -> float:
@@ -181,7 +142,7 @@ def _rms(lens: LensModel, view: BoardView, turn: Array, shift: Array) -> float:
 
 
 def _cross_validate(
-    views: Sequence[BoardView], size_px: tuple[int, int], model: Model, coefficients: int
+    views: Sequence[BoardView], size_px: tuple[int, int], model: str, coefficients: int
 ) -> tuple[float, float]:
     """Rms of views that a fit had not seen, and the jackknife sigma of the focal length."""
     folds = min(FOLDS, len(views))

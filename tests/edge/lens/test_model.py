@@ -66,7 +66,7 @@ def test_derivatives_are_those_of_finite_differences(lens: LensModel, x: float, 
         assert at.by_ray[0, :, axis] == pytest.approx(slope, abs=1e-8)
     changed = [lens.refined(np.array([0, 0, 0, 0, sign * step])) for sign in (1, -1)]
     slope = (distort(changed[0], ray).xy - distort(changed[1], ray).xy)[0] / (2 * step)
-    assert at.by_k1[0] == pytest.approx(slope, abs=1e-8)
+    assert at.by_coefficient[0] == pytest.approx(slope, abs=1e-8)
 
 
 def test_the_axis_of_a_fisheye_is_no_special_place() -> None:

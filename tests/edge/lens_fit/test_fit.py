@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from edge.app import main
-from edge.boards import BoardView, Charuco, Chessboard, parse_board
 from edge.commands.lens import find_views
 from edge.common.errors import ConfigError, LensError
 from edge.config import LensConfig, load
 from edge.lens import LensModel, ray_to_pixel
-from edge.lens_fit import fit_lens
+from edge.lens_fit.boards import BoardView, Charuco, Chessboard, parse_board
+from edge.lens_fit.fit import fit_lens
 from tests.places import DATA
 
 SIZE = (1920, 1080)

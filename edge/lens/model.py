@@ -1,4 +1,4 @@
-"""Lens models: raw pixel <-> undistorted ray, vectorised, with the derivatives the adjustment needs.
+"""A lens: raw pixel <-> undistorted ray, vectorised, with the derivatives the adjustment needs.
 
 The hazard is the inverse. A lens polynomial is only meant for the image it was fitted on; beyond some radius it turns
 back, and an inverse iterated a fixed number of times returns a plausible wrong ray (OpenCV's default five steps are
@@ -11,17 +11,16 @@ numbers, `along` the change and `across` its conjugate. That is half of the work
 Pixel origin: the centre of the top-left pixel. Ray: (x, y) with z = 1, x right, y down, z forward.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final, Literal
+from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edge.common.arrays import Array
 from edge.common.errors import LensError
-
-Complex = NDArray[np.complex128]
+from edge.lens.kinds import LENS_KINDS, Bent, Complex, Kind, squared
 
 NEWTON_STEPS: Final = 80  # 5 suffice; a damped way from the first guess to 87 degrees off the axis takes 60
 CONVERGED_RAY: Final = 1e-12  # ray units: 1e-9 px at 1000 px focal length
@@ -29,19 +28,46 @@ CONVERGED_PLACE: Final = 1e-9  # ray units: further from its target a ray is ano
 LONGEST_STEP_RAY: Final = 0.25  # ray units a step: keeps Newton on the branch that holds the optical axis
 REACH_MARGIN: Final = 1.1  # the fold is looked for along one axis; decentring moves it by a few per cent
 NO_RAY: Final = complex(np.nan, np.nan)
-COEFFICIENTS: Final = {"radtan": (4, 5, 8), "fisheye": (4,)}
+
+
+class LensNumbers(Protocol):
+    """What describes a lens on the wire and in a configuration."""
+
+    @property
+    def model(self) -> str:
+        """Name of the lens model."""
+
+    @property
+    def intrinsics(self) -> tuple[float, float, float, float]:
+        """fx, fy, cx, cy, pixels."""
+
+    @property
+    def distortion(self) -> Sequence[float]:
+        """The model's coefficients."""
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width, height."""
+
+    @property
+    def rms_px(self) -> float:
+        """Of the measurement."""
+
+    @property
+    def focal_sigma_px(self) -> float | None:
+        """One sigma of fx and fy."""
 
 
 @dataclass(frozen=True)
 class LensModel:
     """A camera's lens.
 
-    intrinsics: fx, fy, cx, cy in pixels. distortion: OpenCV's order, radtan k1 k2 p1 p2 [k3 [k4 k5 k6]], fisheye
-    k1 k2 k3 k4 of theta. focal_sigma_px: one sigma of fx and fy as the lens report says, None if it says nothing.
+    model: a name of LENS_KINDS. intrinsics: fx, fy, cx, cy in pixels. distortion: the model's coefficients, for radtan
+    and fisheye in OpenCV's order. focal_sigma_px: one sigma of fx and fy as the lens report says, None if it says none.
     Raises LensError if the numbers cannot be a lens.
     """
 
-    model: Literal["radtan", "fisheye"]
+    model: str
     intrinsics: tuple[float, float, float, float]
     distortion: tuple[float, ...]
     size_px: tuple[int, int]
@@ -49,10 +75,11 @@ class LensModel:
     focal_sigma_px: float | None = None
 
     def __post_init__(self) -> None:
-        if self.model not in COEFFICIENTS:
-            raise LensError(f"unknown model {self.model!r}", where="lens", action='use "radtan" or "fisheye"')
-        if len(self.distortion) not in COEFFICIENTS[self.model]:
-            allowed = " or ".join(map(str, COEFFICIENTS[self.model]))
+        if self.model not in LENS_KINDS:
+            known = " or ".join(f'"{name}"' for name in LENS_KINDS)
+            raise LensError(f"unknown model {self.model!r}", where="lens", action=f"use {known}")
+        if len(self.distortion) not in self.kind.coefficients:
+            allowed = " or ".join(map(str, self.kind.coefficients))
             raise LensError(
                 f"{self.model} with {len(self.distortion)} coefficients", where="lens", action=f"give {allowed}"
             )
@@ -62,30 +89,51 @@ class LensModel:
                 f"intrinsics {self.intrinsics} are no lens", where="lens", action="give finite fx, fy > 0 and cx, cy"
             )
 
+    @classmethod
+    def of(cls, numbers: LensNumbers) -> "LensModel":
+        """The lens that a message or a configuration describes. Raises LensError."""
+        return cls(
+            numbers.model,
+            numbers.intrinsics,
+            tuple(numbers.distortion),
+            numbers.size_px,
+            numbers.rms_px,
+            numbers.focal_sigma_px,
+        )
+
+    @property
+    def kind(self) -> Kind:
+        """What its model does."""
+        return LENS_KINDS[self.model]
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether it bends nothing."""
+        return self.kind.is_pinhole(self.distortion)
+
+    @property
+    def refined_coefficient(self) -> float:
+        """The coefficient of its distortion that the adjustment refines."""
+        return self.distortion[self.kind.refined]
+
     def refined(self, change: Array) -> "LensModel":
-        """This lens with `change` (fx, fy, cx, cy, k1) added."""
+        """This lens with `change` (fx, fy, cx, cy, the refined coefficient) added."""
         fx, fy, cx, cy = (float(a + b) for a, b in zip(self.intrinsics, change[:4], strict=True))
-        distortion = (self.distortion[0] + float(change[4]), *self.distortion[1:])
-        return replace(self, intrinsics=(fx, fy, cx, cy), distortion=distortion)
+        distortion = list(self.distortion)
+        distortion[self.kind.refined] += float(change[4])
+        return replace(self, intrinsics=(fx, fy, cx, cy), distortion=tuple(distortion))
 
 
 @dataclass(frozen=True)
 class Distorted:
-    """Distorted normalised coordinates (N, 2), their derivative by the ray (N, 2, 2) and by k1 (N, 2)."""
+    """Distorted normalised coordinates (N, 2), their derivative by the ray (N, 2, 2).
+
+    by_coefficient: (N, 2) by the coefficient that is refined.
+    """
 
     xy: Array
     by_ray: Array
-    by_k1: Array
-
-
-@dataclass(frozen=True)
-class _Bent:
-    """Where rays (N,) come to lie, (N,); a change d of one moves it by `along` d + `across` conj(d). by_k1: (N,)."""
-
-    place: Complex
-    along: Complex
-    across: Complex
-    by_k1: Complex
+    by_coefficient: Array
 
 
 def distort(lens: LensModel, rays: Array) -> Distorted:
@@ -94,7 +142,7 @@ def distort(lens: LensModel, rays: Array) -> Distorted:
     by_ray = np.empty((len(bent.place), 2, 2))
     by_ray[:, :, 0] = _as_pairs(bent.along + bent.across)
     by_ray[:, :, 1] = _as_pairs(1j * (bent.along - bent.across))
-    return Distorted(_as_pairs(bent.place), by_ray, _as_pairs(bent.by_k1))
+    return Distorted(_as_pairs(bent.place), by_ray, _as_pairs(bent.by_coefficient))
 
 
 def ray_to_pixel(lens: LensModel, rays: Array) -> Array:
@@ -107,12 +155,12 @@ def pixel_to_ray(lens: LensModel, pixels: Array) -> Array:
     """Undistorted rays (N, 2) of raw pixels (N, 2); NaN where the lens model has no such ray."""
     fx, fy, cx, cy = lens.intrinsics
     target = (np.asarray(pixels, float).reshape(-1, 2) - (cx, cy)) / (fx, fy)
-    if not any(lens.distortion) and lens.model == "radtan":
+    if lens.is_pinhole:
         return target
     place = _as_complex(target)
     beyond = np.abs(place) > _reach(lens)
     place[beyond] = 0
-    rays = _newton(lens, _first_guess(lens, place), place)
+    rays = _newton(lens, lens.kind.first_guess(place), place)
     rays[beyond] = NO_RAY
     return _as_pairs(rays)
 
@@ -131,7 +179,7 @@ def _newton(lens: LensModel, rays: Complex, target: Complex) -> Complex:
     """Rays (N,) whose distorted place is the target (N,); NaN where none is reached from those to begin with."""
     for _ in range(NEWTON_STEPS):
         at = _bend(lens, rays)
-        off, determinant = target - at.place, _squared(at.along) - _squared(at.across)
+        off, determinant = target - at.place, squared(at.along) - squared(at.across)
         # A factor and no divisor: complex numbers that are none, as rays behind a camera, divide with a warning.
         factor = 1 / np.where(np.abs(determinant) < 1e-12, 1e-12, determinant)
         step = (at.along.conj() * off - at.across * off.conj()) * factor
@@ -141,11 +189,6 @@ def _newton(lens: LensModel, rays: Complex, target: Complex) -> Complex:
         rays = rays + step * np.minimum(1.0, LONGEST_STEP_RAY / np.maximum(length, CONVERGED_RAY))
     found = (np.abs(off) < CONVERGED_PLACE) & (determinant > 0)
     return np.where(found, rays, NO_RAY)
-
-
-def _squared(numbers: Complex) -> Array:
-    """Their squared lengths."""
-    return numbers.real**2 + numbers.imag**2
 
 
 @lru_cache(maxsize=64)
@@ -159,52 +202,5 @@ def _reach(lens: LensModel) -> float:
     return REACH_MARGIN * float(along.xy[: folded[0] + 1, 0].max()) + REACH_MARGIN - 1
 
 
-def _first_guess(lens: LensModel, target: Complex) -> Complex:
-    if lens.model == "radtan":
-        return target
-    theta = np.abs(target)
-    bounded = np.minimum(theta, 1.4)  # rad: the tangent of more would start Newton out of reach
-    return target * np.where(theta > 0, np.tan(bounded) / np.maximum(theta, 1e-12), 1.0)
-
-
-def _bend(lens: LensModel, rays: Complex) -> _Bent:
-    return _bend_radtan(lens, rays) if lens.model == "radtan" else _bend_fisheye(lens, rays)
-
-
-def _bend_radtan(lens: LensModel, rays: Complex) -> _Bent:
-    """Brown (1966) with OpenCV's rational extension."""
-    k1, k2, p1, p2, k3, k4, k5, k6 = (*lens.distortion, *(0.0,) * (8 - len(lens.distortion)))
-    r2 = _squared(rays)
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)  # of radial, by r2
-    by_k1 = rays * r2
-    if k4 or k5 or k6:
-        share = 1 / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        radial = radial * share
-        slope = (slope - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) * share
-        by_k1 = by_k1 * share
-    square = rays * rays
-    place, along, across = rays * radial, (radial + r2 * slope).astype(np.complex128), square * slope
-    if p1 or p2:
-        off = complex(p2, p1)
-        towards = rays * off.conjugate()
-        place = place + square * off.conjugate() + 2 * off * r2
-        along, across = along + 4 * towards.real, across + 2 * off * rays
-    return _Bent(place, along, across, by_k1)
-
-
-def _bend_fisheye(lens: LensModel, rays: Complex) -> _Bent:
-    """Kannala and Brandt (2006), OpenCV's four odd powers of theta."""
-    k1, k2, k3, k4 = lens.distortion
-    r = np.maximum(np.abs(rays), 1e-12)
-    theta = np.arctan(r)
-    t2 = theta * theta
-    bent = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
-    slope = (1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))) / (1 + r * r)
-    unit, scale = rays * (1 / r), bent / r
-    return _Bent(
-        rays * scale,
-        ((slope + scale) / 2).astype(np.complex128),
-        unit * unit * ((slope - scale) / 2),
-        unit * (theta * t2),
-    )
+def _bend(lens: LensModel, rays: Complex) -> Bent:
+    return lens.kind.bend(lens.distortion, rays)
