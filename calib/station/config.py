@@ -12,12 +12,14 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from calib.tracking.options import TrackerOptions
 from edge.common import settings
 from edge.common.errors import ConfigError
 from edge.common.hosts import is_own
 from edge.link.settings import BASE_LINK, LinkSettings
 from edge.messages import Name
 
+TRACKER: Final = TrackerOptions()
 MIN_CAMERAS: Final = 3  # fewer have no georeference: a line through two tripods leaves roll about it free
 MAX_CAMERAS: Final = 32  # bits of TARGET_TRACK_ECEF.camera_mask
 
@@ -113,16 +115,22 @@ class TrackingSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     sigma_px: Annotated[float, Meta(gt=0, le=50, description="one sigma of a detection that does not say its own")] = (
         1.0
     )
-    reorder_horizon_s: Annotated[float, Meta(ge=0, le=2, description="a ray may come so late and still count")] = 0.5
-    coast_s: Annotated[float, Meta(gt=0, le=30, description="without a measurement for so long a target is lost")] = 2.5
+    reorder_horizon_s: Annotated[float, Meta(ge=0, le=2, description="a ray may come so late and still count")] = (
+        TRACKER.reorder_horizon_s
+    )
+    coast_s: Annotated[float, Meta(gt=0, le=30, description="without a measurement for so long a target is lost")] = (
+        TRACKER.coast_s
+    )
     stale_s: Annotated[float, Meta(gt=0, le=60, description="without a frame for so long a camera is gone")] = 2.0
     min_cameras: Annotated[
         int, Meta(ge=2, le=8, description="a target that fewer saw at its last update is marked DEGRADED")
     ] = 2
-    max_speed_m_s: Annotated[float, Meta(gt=0, le=1000, description="a faster object does not become a target")] = 80.0
+    max_speed_m_s: Annotated[float, Meta(gt=0, le=1000, description="a faster object does not become a target")] = (
+        TRACKER.limits.max_speed_m_s
+    )
     max_range_m: Annotated[
         float, Meta(gt=0, le=50000, description="an object farther from its cameras does not become a target")
-    ] = 3000.0
+    ] = TRACKER.limits.max_range_m
 
 
 class EndpointSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

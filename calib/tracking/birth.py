@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from calib.network import Network
 from calib.tracking.motion import Singer
-from calib.tracking.tracklets import SIGMA_FLOOR_M, Limits, Newborn, Tracklet, bearing_sigma, straight_flight
+from calib.tracking.options import Limits
+from calib.tracking.tracklets import SIGMA_FLOOR_M, Newborn, Tracklet, bearing_sigma, straight_flight
 from edge.common.arrays import Array
 
 WINDOW_S: Final = 0.8  # s of rays looked at: a flight is nearly straight for so long

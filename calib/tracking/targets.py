@@ -10,7 +10,7 @@ Time here is site time: seconds since the network's own epoch. The caller says w
 
 import math
 from collections import Counter, deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
@@ -24,9 +24,9 @@ from calib.tracking.association import GATE, assign
 from calib.tracking.belief import AssociationEvidence, Beliefs
 from calib.tracking.birth import WINDOW_S, births
 from calib.tracking.filterbank import Expected, FilterBank, Look, Rays
-from calib.tracking.motion import Singer
+from calib.tracking.options import TrackerOptions
 from calib.tracking.pixelbias import with_bias
-from calib.tracking.tracklets import Limits, LooseRay, Newborn, tracklets
+from calib.tracking.tracklets import LooseRay, Newborn, tracklets
 from edge.common.arrays import Array
 
 SCAN_S: Final = 0.1  # s between searches for newborns
@@ -48,17 +48,6 @@ class TargetState(StrEnum):
     CONFIRMED = "confirmed"
     COASTING = "coasting"
     LOST = "lost"
-
-
-@dataclass(frozen=True)
-class TrackerOptions:
-    """See the keys of the same names in the station's configuration."""
-
-    reorder_horizon_s: float = 0.5
-    coast_s: float = 2.5
-    max_sigma_m: float = 6.0  # of position, one sigma, largest axis: more is no use to anybody
-    motion: Singer = field(default_factory=Singer)
-    limits: Limits = field(default_factory=Limits)
 
 
 @dataclass(frozen=True)

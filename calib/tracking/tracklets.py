@@ -13,6 +13,7 @@ import numpy as np
 
 from calib.network import POSE_SIZE, Network
 from calib.tracking.motion import STATE, Singer
+from calib.tracking.options import Limits
 from edge.common.arrays import Array
 
 MIN_RAYS: Final = 3  # a line in time through two rays always fits
@@ -64,15 +65,6 @@ class Newborn:
     with_poses: Array
     t_s: float
     seen_by: tuple[tuple[int, int], ...]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a target can be: how far from its cameras, how fast."""
-
-    max_range_m: float = 3000.0
-    max_speed_m_s: float = 80.0
-    min_range_m: float = 2.0
 
 
 def tracklets(rays: Iterable[LooseRay], network: Network, now_s: float) -> list[Tracklet]:

@@ -27,8 +27,8 @@ from calib.station.core.outgoing import Border, OutgoingTarget
 from calib.station.core.positions import Positions
 from calib.station.core.stored_state import StoredState
 from calib.station.core.window import Window
-from calib.tracking.targets import TargetState, Tracker, TrackerOptions
-from calib.tracking.tracklets import Limits
+from calib.tracking.options import Limits, TrackerOptions
+from calib.tracking.targets import TargetState, Tracker
 from edge.common.arrays import Array
 from edge.common.health import Check, HealthLevel
 from edge.health import HealthBoard
