@@ -214,7 +214,7 @@ def _(kind: inspect.BoolType) -> str:
 
 @allowed.register
 def _(kind: inspect.DictType) -> str:
-    return "tables by name"
+    return "a table"
 
 
 @allowed.register
