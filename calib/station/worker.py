@@ -10,7 +10,6 @@ import logging
 import multiprocessing
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from calib.errors import CalibrationError, SkyfixError
 from calib.network import Network
 from calib.observations import Scene
 from calib.station.core.jobs import Solved, SolveJob, SolveResult
+from edge.common.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
@@ -98,11 +98,18 @@ def _report(solver: Solver, folder: Path) -> None:
         log.warning("no report: %s", error)
 
 
-def _send(pipe: Connection, job: SolveJob) -> None:
-    try:
-        pipe.send(job)
-    except OSError as error:  # the process died: poll says so
-        log.debug("job not sent: %s", error)
+class _JobSender(OwnThread):
+    """Puts one job into the pipe: a process that is only starting does not read yet, and a window does not fit in."""
+
+    def __init__(self, pipe: Connection, job: SolveJob) -> None:
+        super().__init__("solver-send", STOP_S)
+        self._pipe, self._job = pipe, job
+
+    def _run(self) -> None:
+        try:
+            self._pipe.send(self._job)
+        except OSError as error:  # the process died: poll says so
+            log.debug("job not sent: %s", error)
 
 
 class Worker:
@@ -113,6 +120,7 @@ class Worker:
         self._context = multiprocessing.get_context("spawn")
         self._process: Any = None
         self._pipe: Connection | None = None
+        self._sender: _JobSender | None = None
         self._job: SolveJob | None = None
         self._since = 0.0
 
@@ -138,9 +146,7 @@ class Worker:
             self._start()
         assert self._pipe is not None
         self._job, self._since = job, time.monotonic()
-        # A thread, because a process that is only starting does not read yet, and a window does not fit the pipe.
-        self._sender = threading.Thread(target=_send, args=(self._pipe, job), name="solver-send", daemon=True)
-        self._sender.start()
+        self._sender = _JobSender(self._pipe, job).__enter__()
         return True
 
     def report(self, folder: Path) -> None:
@@ -171,9 +177,6 @@ class Worker:
 
     def close(self) -> None:
         """Stop the process; killed if it does not within a second."""
-        if self._pipe is not None:
-            self._pipe.close()
-            self._pipe = None
         if self._process is not None:
             self._process.terminate()
             self._process.join(STOP_S)
@@ -181,6 +184,12 @@ class Worker:
                 self._process.kill()
                 self._process.join(STOP_S)
             self._process = None
+        if self._sender is not None:  # nobody reads any more: what it was writing has ended with an error
+            self._sender.close()
+            self._sender = None
+        if self._pipe is not None:
+            self._pipe.close()
+            self._pipe = None
 
     def _failed(self, what: str) -> SolveResult:
         assert self._job is not None

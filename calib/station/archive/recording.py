@@ -9,7 +9,6 @@ import logging
 import os
 import shutil
 import struct
-import threading
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,11 +22,13 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from edge import __version__
 from edge.common.errors import RecordingError
+from edge.common.own_thread import OwnThread
 from edge.messages import MESSAGES
 
 log = logging.getLogger(__name__)
 
 SYNC_S: Final = 2.0  # the most a power cut may cost
+CLOSE_S: Final = 1.5  # for the last push; a card that takes longer is left to it
 LONGEST_RECORD: Final = 1 << 24  # bytes: a length beyond it is damage, not a message
 CHECK_DISK_NS: Final = 5_000_000_000
 FREE_JSON: Final = b'{"type": "object"}'
@@ -41,18 +42,36 @@ class Recorded(NamedTuple):
     payload: bytes
 
 
+class _Syncer(OwnThread):
+    """Pushes a file to the disk every other second: fsync takes as long as the card does."""
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__("recording-sync", CLOSE_S)
+        self._descriptor = descriptor
+
+    def _run(self) -> None:
+        while not self._stop.wait(SYNC_S):
+            self._push()
+        self._push()
+        os.close(self._descriptor)
+
+    def _push(self) -> None:
+        try:
+            os.fsync(self._descriptor)
+        except OSError as error:  # the next write fails too, and says so where it is noticed
+            log.debug("fsync: %s", error)
+
+
 class _Unbuffered:
     """A file that has what was written the moment it was written. The MCAP writer would put a buffer before a raw one.
 
-    A thread of its own pushes it to the disk every other second: fsync takes as long as the card does.
+    The thread that pushes it to the disk also closes it, so a disk that hangs does not hold up who wants it closed.
     """
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         self._at = 0
-        self._closing = threading.Event()
-        self._syncer = threading.Thread(target=self._sync, name="recording-sync", daemon=True)
-        self._syncer.start()
+        self._syncer = _Syncer(self._descriptor).__enter__()
 
     def write(self, data: bytes) -> int:
         rest = memoryview(data)
@@ -69,20 +88,7 @@ class _Unbuffered:
         """Nothing waits here."""
 
     def close(self) -> None:
-        self._closing.set()
-        self._syncer.join()
-        os.close(self._descriptor)
-
-    def _sync(self) -> None:
-        while not self._closing.wait(SYNC_S):
-            self._push()
-        self._push()
-
-    def _push(self) -> None:
-        try:
-            os.fsync(self._descriptor)
-        except OSError as error:  # the next write fails too, and says so where it is heard
-            log.debug("fsync: %s", error)
+        self._syncer.close()
 
 
 class Recorder:
