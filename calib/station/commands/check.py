@@ -5,7 +5,6 @@ import datetime as dt
 import json
 import os
 import shutil
-import socket
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -24,6 +23,7 @@ from calib.station.outputs.registry import OutputHost, open_output, wanted
 from calib.station.survey.in_force import survey_file, twice_given, with_survey
 from edge.common.errors import ConfigError
 from edge.link.health import check_security
+from edge.link.ports import place, why_not_free
 
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
@@ -136,18 +136,12 @@ def _disk(folder: Path, min_free_mb: int) -> Line:
 
 
 def _listen(endpoint: str) -> Line:
-    place = endpoint.partition("/")[2].partition("#")[0]
-    host, _, port = place.rpartition(":")
-    return _port(f"link {endpoint}", host.strip("[]"), int(port))
+    return _port(f"link {endpoint}", *place(endpoint))
 
 
 def _port(name: str, host: str, port: int) -> Line:
-    try:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        with socket.socket(family, socket.SOCK_STREAM) as trial:
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            trial.bind((host, port))
-    except OSError as error:
+    error = why_not_free(host, port)
+    if error is not None:
         action = "end the program that holds it (is a base-station running?), or choose another"
         return Line("FAIL", name, os.strerror(error.errno or 0), action)
     return Line("PASS", name, f"{host}:{port} is free")

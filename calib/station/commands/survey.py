@@ -14,8 +14,11 @@ from msgspec.structs import asdict, replace
 from calib.network import from_toml
 from calib.station.config import load
 from calib.station.survey import edit
-from calib.station.survey.arguments import DEFAULT_FILE, add_arguments
-from calib.station.survey.field import Ask, SurveyJob, configured, occupy_one, rover_round, store, take_boxes
+from calib.station.survey.arguments import add_arguments
+from calib.station.survey.box_fixes import take_boxes
+from calib.station.survey.call import Ask, SurveyCall, configured, store
+from calib.station.survey.in_force import SURVEY_FILE
+from calib.station.survey.rover_round import occupy_one, rover_round
 from calib.station.survey.store import Survey, SurveySite, TapeTable, derived, load_survey
 from edge.common.errors import ConfigError
 from edge.common.settings import build
@@ -26,45 +29,46 @@ __all__ = ["add_arguments", "run"]
 def run(args: argparse.Namespace, ask: Ask = input) -> int:
     """Do what the arguments say. Returns the exit code; raises SkyfixError with the reason otherwise."""
     config = load(args.config)
-    path = args.file or Path(args.config).parent / (config.site.survey or DEFAULT_FILE)
+    path = args.file or Path(args.config).parent / (config.site.survey or SURVEY_FILE)
     survey = load_survey(path) if path.exists() else Survey(site=SurveySite(name=config.site.name))
-    return ACTIONS[args.action or "show"](SurveyJob(args, config, survey, path, ask))
+    return ACTIONS[args.action or "show"](SurveyCall(args, config, survey, path, ask))
 
 
-def _show(job: SurveyJob) -> int:
-    print(edit.describe(job.survey))
+def _show(call: SurveyCall) -> int:
+    print(edit.describe(call.survey))
     return 0
 
 
-def _enter(job: SurveyJob) -> int:
-    configured(job, job.args.camera)
-    lat, lon, height = job.args.position
-    east, north, up = job.args.sigma
-    return store(job, edit.enter(job.survey, job.args.camera, (lat, lon, height), (east, north, up), job.args.source))
+def _enter(call: SurveyCall) -> int:
+    configured(call, call.args.camera)
+    args = call.args
+    east, north, up = args.sigma
+    place = (args.latitude, args.longitude, args.height)
+    return store(call, edit.enter(call.survey, args.camera, place, (east, north, up), args.source))
 
 
-def _import(job: SurveyJob) -> int:
+def _import(call: SurveyCall) -> int:
     try:
-        text = job.args.csv.read_text(encoding="utf-8-sig")
+        text = call.args.csv.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot be read ({error})", where=str(job.args.csv), action="give a CSV file") from error
-    return store(job, edit.enter_csv(job.survey, text, str(job.args.csv)))
+        raise ConfigError(f"cannot be read ({error})", where=str(call.args.csv), action="give a CSV file") from error
+    return store(call, edit.enter_csv(call.survey, text, str(call.args.csv)))
 
 
-def _drop(job: SurveyJob) -> int:
-    if job.args.occupation is None:
-        return store(job, edit.drop_camera(job.survey, job.args.camera))
-    return store(job, edit.drop_occupation(job.survey, job.args.camera, job.args.occupation))
+def _drop(call: SurveyCall) -> int:
+    if call.args.occupation is None:
+        return store(call, edit.drop_camera(call.survey, call.args.camera))
+    return store(call, edit.drop_occupation(call.survey, call.args.camera, call.args.occupation))
 
 
-def _tape(job: SurveyJob) -> int:
-    args = job.args
+def _tape(call: SurveyCall) -> int:
+    args = call.args
     numbers = {"first": args.first, "second": args.second, "distance_m": args.metres, "sigma_m": args.sigma}
-    return store(job, edit.add_tape(job.survey, build(numbers, TapeTable, where="survey tape")))
+    return store(call, edit.add_tape(call.survey, build(numbers, TapeTable, where="survey tape")))
 
 
-def _frame(job: SurveyJob) -> int:
-    args = job.args
+def _frame(call: SurveyCall) -> int:
+    args = call.args
     given = {
         "raw_frame": args.raw_frame,
         "epoch": args.epoch,
@@ -77,24 +81,24 @@ def _frame(job: SurveyJob) -> int:
     changed: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if changed.get("convert_to") == "none":
         changed["convert_to"] = None
-    site = build({**asdict(job.survey.site), **changed}, SurveySite, where="survey frame")
-    return store(job, derived(replace(job.survey, site=site)))
+    site = build({**asdict(call.survey.site), **changed}, SurveySite, where="survey frame")
+    return store(call, derived(replace(call.survey, site=site)))
 
 
-def _check(job: SurveyJob) -> int:
+def _check(call: SurveyCall) -> int:
     try:
-        text = job.args.network.read_text(encoding="utf-8")
+        text = call.args.network.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(
-            f"cannot be read ({error})", where=str(job.args.network), action="give the network.toml of a calibration"
+            f"cannot be read ({error})", where=str(call.args.network), action="give the network.toml of a calibration"
         ) from error
-    verdict = edit.check_network(job.survey, from_toml(text, where=str(job.args.network)))
-    tapes = edit.tape_checks(job.survey)
+    verdict = edit.check_network(call.survey, from_toml(text, where=str(call.args.network)))
+    tapes = edit.tape_checks(call.survey)
     print("\n".join([str(verdict), *(str(tape) for tape in tapes)]))
     return 0 if verdict.passed and all(tape.passed for tape in tapes) else 1
 
 
-ACTIONS: Final[dict[str, Callable[[SurveyJob], int]]] = {
+ACTIONS: Final[dict[str, Callable[[SurveyCall], int]]] = {
     "show": _show,
     "occupy": occupy_one,
     "rover": rover_round,

@@ -6,17 +6,17 @@ from typing import Final
 
 from calib.station.commands.arguments import add_config
 from calib.station.survey.edit import CSV_COLUMNS
+from calib.station.survey.in_force import SURVEY_FILE
 from edge.gnss.averaging import SERVICES
 
 OCCUPATION_S: Final = 180.0  # two of it, the guidance for network RTK; longer gains a third at 600 s
-DEFAULT_FILE: Final = "survey.toml"
 POINTS: Final = ("phase-centre", "ARP")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The actions of `base-station survey`."""
     add_config(parser)
-    parser.add_argument("--file", type=Path, help=f"survey file (default: site.survey, or {DEFAULT_FILE} beside it)")
+    parser.add_argument("--file", type=Path, help=f"survey file (default: site.survey, or {SURVEY_FILE} beside it)")
     actions = parser.add_subparsers(dest="action", metavar="ACTION")
     actions.add_parser("show", help="every position, how it is known, closures and tapes (the default)")
     _add_rover(actions.add_parser("occupy", help="occupy one tripod with the rover, twice"), one=True)
@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     boxes.add_argument("--seconds", type=float, default=15.0, help="how long to listen (default: 15)")
     typed = actions.add_parser("enter", help="enter a lens position")
     typed.add_argument("camera")
-    typed.add_argument("position", type=float, nargs=3, metavar=("LAT", "LON", "HEIGHT"))
+    typed.add_argument("latitude", type=float, help="degrees")
+    typed.add_argument("longitude", type=float, help="degrees")
+    typed.add_argument("height", type=float, help="metres above the ellipsoid")
     typed.add_argument("--sigma", type=float, nargs=3, metavar=("EAST", "NORTH", "UP"), required=True, help="metres")
     typed.add_argument("--source", default="typed in", help="where the numbers come from")
     table = actions.add_parser("import", help=f"enter a CSV file with the columns {','.join(CSV_COLUMNS)}")

@@ -12,6 +12,7 @@ from calib.errors import CalibrationError
 from calib.geodesy import geodetic_to_enu
 from calib.network import POSE_SIZE, Network
 from calib.solving.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
+from calib.station.core.positions import lens_position
 from calib.station.survey.frames import frame_known
 from calib.station.survey.store import (
     CameraTable,
@@ -96,7 +97,7 @@ def enter_csv(survey: Survey, text: str, source: str) -> Survey:
 
 
 def enter_fix(survey: Survey, camera: str, fix: Fix) -> Survey:
-    """With the position a box's own receiver averaged. Raises ConfigError if its frame is another than the file's."""
+    """With the lens position by a box's own receiver. Raises ConfigError if its frame is another than the file's."""
     site = survey.site
     if frame_known(site.raw_frame) and site.raw_frame != fix.frame:
         raise ConfigError(
@@ -105,11 +106,10 @@ def enter_fix(survey: Survey, camera: str, fix: Fix) -> Survey:
             action="set the same frame on every box, or begin another survey file",
         )
     labelled = replace(survey, site=replace(site, raw_frame=fix.frame))
-    entered = EnteredTable(
-        position=(fix.lat_deg, fix.lon_deg, fix.height_m),
-        sigma=fix.sigma_m,
-        source=f"the box's receiver, {fix.samples} epochs",
-    )
+    position, sigma_m = lens_position(fix)
+    point = "" if fix.of == "lens" else ", of its antenna"
+    source = f"the box's receiver{point}, {fix.samples} epochs"
+    entered = EnteredTable(position=position, sigma=sigma_m, source=source)
     return derived(labelled.with_camera(CameraTable(id=camera, entered=entered)))
 
 

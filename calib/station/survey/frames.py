@@ -46,9 +46,9 @@ def convert(geodetic: Array, source: str, target: str, epoch: float) -> Converte
     """
     if target not in TARGETS:
         allowed = " or ".join(f"{code} ({name})" for code, name in TARGETS.items())
-        raise ConfigError(f"{target} is no target of a conversion", where="survey convert", action=f"give {allowed}")
+        raise ConfigError(f"{target} is no target of a conversion", where="survey frame", action=f"give {allowed}")
     if not EPOCHS[0] <= epoch <= EPOCHS[1]:
-        raise ConfigError(f"epoch {epoch}", where="survey convert", action="give the decimal year of the coordinates")
+        raise ConfigError(f"epoch {epoch}", where="survey frame", action="give the decimal year of the coordinates")
     transformer = _transformer(source, target)
     latitude, longitude, height = np.asarray(geodetic, float).reshape(-1, 3).T
     out = np.column_stack(transformer.transform(latitude, longitude, height, np.full(len(latitude), epoch))[:3])
@@ -65,16 +65,16 @@ def _transformer(source: str, target: str) -> "Transformer":
         from pyproj.transformer import TransformerGroup  # noqa: PLC0415
     except ImportError as error:
         raise ConfigError(
-            "pyproj is not installed", where="survey convert", action='pip install "skyfix[frames]"'
+            "pyproj is not installed", where="survey frame", action='pip install "skyfix[frames]"'
         ) from error
     try:
         crs = CRS.from_user_input(source)
     except CRSError as error:
-        raise ConfigError(f"{source!r} is no frame", where="survey convert", action="give EPSG:<code>") from error
+        raise ConfigError(f"{source!r} is no frame", where="survey frame", action="give EPSG:<code>") from error
     if not crs.is_geographic or len(crs.axis_info) != 3:
         raise ConfigError(
             f"{source} ({crs.name}) is not a frame of latitude, longitude and ellipsoidal height",
-            where="survey convert",
+            where="survey frame",
             action="give the 3-D geographic code of the realisation, such as EPSG:7931 for ETRF2000",
         )
     for transformer in TransformerGroup(crs, target, allow_ballpark=False).transformers:
@@ -86,6 +86,6 @@ def _transformer(source: str, target: str) -> "Transformer":
 def _refused(source: str, target: str, why: str) -> ConfigError:
     return ConfigError(
         f"{source} cannot be converted to {target}: {why}",
-        where="survey convert",
-        action="name the realisation instead of the datum, or give a measured shift with `survey shift`",
+        where="survey frame",
+        action="name the realisation, not the datum, or give a measured shift: `base-station survey frame --shift`",
     )

@@ -14,7 +14,7 @@ import pytest
 
 from calib.errors import CalibrationError
 from calib.station.commands import survey as survey_cli
-from calib.station.survey import field as survey_field
+from calib.station.survey import rover_round
 from calib.station.survey.store import load_survey
 from edge.common.errors import ConfigError
 from tools.doubles.receiver import Array, Place, gga
@@ -108,13 +108,13 @@ class Operator:
 
 def when_told(rover: Rover, offset_m: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the rover lose its fix when the operator is told to make it."""
-    wait = survey_field.wait_for_lost_fix
+    wait = rover_round.wait_for_lost_fix
 
     def told(receiver: object, progress: Callable[[str], None]) -> None:
         rover.reinitialise(offset_m)
         wait(receiver, progress)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(survey_field, "wait_for_lost_fix", told)
+    monkeypatch.setattr(rover_round, "wait_for_lost_fix", told)
 
 
 def test_two_occupations_that_agree_are_stored(

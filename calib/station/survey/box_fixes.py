@@ -1,0 +1,89 @@
+"""The survey by the boxes' own receivers: what they have averaged, taken over as it is.
+
+Two hazards. Two programs at one port: the boxes dial the station, and only one program can be dialled there. So while
+the station runs it is asked, and what the boxes keep for latecomers comes through it; else this program listens in its
+place. And two readers of one message: what the station would refuse (a float solution, say) is not stored either, for
+it is the station's own intake that judges here.
+"""
+
+import math
+import sys
+import time
+from dataclasses import dataclass
+from typing import Final
+
+from calib.station.core.intake import Intake
+from calib.station.core.positions import check_offset
+from calib.station.survey import edit
+from calib.station.survey.call import SurveyCall, store
+from calib.station.survey.store import Survey
+from edge.common.errors import ConfigError
+from edge.link.link import Link
+from edge.link.ports import beside_listener
+from edge.messages import Fix, camera_key, camera_of_key
+
+LOOK_S: Final = 0.5  # between two looks at whether the session is open
+
+
+@dataclass(frozen=True)
+class BoxFixes:
+    """What came: the fix of each camera, and why those that sent none fit for a survey are left out."""
+
+    fixes: dict[str, Fix]
+    refused: dict[str, str]
+
+
+def take_boxes(call: SurveyCall) -> int:
+    """Workflow one: a receiver on each box. Raises ConfigError if no box sends a position."""
+    found = fixes_of(call)
+    survey = call.survey
+    for camera, fix in sorted(found.fixes.items()):
+        survey = _entered(survey, camera, fix)
+    names = [camera.id for camera in call.config.camera]
+    for camera in (name for name in names if name not in found.fixes):
+        print(f"{camera}: {found.refused.get(camera, 'no position came')}", file=sys.stderr)
+    return store(call, survey)
+
+
+def fixes_of(call: SurveyCall) -> BoxFixes:
+    """The newest fix of every box that answers in time. Raises ConfigError if none does."""
+    names = [camera.id for camera in call.config.camera]
+    intake = Intake(names, where=str(call.args.config))
+    settings = beside_listener(call.config.link)
+    until_s = time.monotonic() + call.args.seconds
+    with Link(settings, name="survey") as link:
+        inbox = link.watch_state(camera_key(call.config.site.name, "*", "fix"))
+        while _missing(intake) and (left_s := until_s - time.monotonic()) > 0:
+            received = inbox.get(min(left_s, LOOK_S))
+            camera = intake.cameras.get(camera_of_key(received.key) or "") if received is not None else None
+            if received is not None and camera is not None:
+                intake.fix(camera, received.payload, received.t_monotonic_ns)
+        error = link.error
+    fixes = {name: box.fix for name, box in intake.cameras.items() if box.fix is not None}
+    refused = {name: "; ".join(fault[0] for fault in box.faults.values()) for name, box in intake.cameras.items()}
+    refused = {name: why for name, why in refused.items() if why}
+    if not fixes:
+        raise _nothing(settings.connect, error, refused)
+    return BoxFixes(fixes, refused)
+
+
+def _missing(intake: Intake) -> bool:
+    return any(box.fix is None for box in intake.cameras.values())
+
+
+def _nothing(asked: tuple[str, ...], error: str, refused: dict[str, str]) -> ConfigError:
+    through = f" through what listens on {', '.join(asked)}" if asked else ""
+    whys = [f"{name}: {why}" for name, why in refused.items()] + ([error] if error else [])
+    reason = f" ({'; '.join(whys)})" if whys else ""
+    return ConfigError(
+        f"no box has sent a position{through}{reason}",
+        where="survey boxes",
+        action="see `edge-node check` on the boxes, wait, and repeat it with more --seconds",
+    )
+
+
+def _entered(survey: Survey, camera: str, fix: Fix) -> Survey:
+    print(f"{camera}: {fix.samples} epochs, sigma {math.hypot(*fix.sigma_m[:2]) * 1000:.0f} mm horizontal")
+    for check in check_offset(camera, fix):
+        print(f"{camera}: {check.reason}; {check.action}", file=sys.stderr)
+    return edit.enter_fix(survey, camera, fix)

@@ -1,0 +1,65 @@
+"""One call of `base-station survey`: what was asked for, and how what comes of it is shown, stored and read again.
+
+The hazard is a survey that was stored and is not in force: in a file that the station does not read, or behind a
+position that the configuration itself gives. So whoever stores says both.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.station.config import BaseConfig
+from calib.station.survey import edit
+from calib.station.survey.in_force import survey_file
+from calib.station.survey.store import Survey, save_survey
+from edge.common.errors import ConfigError
+
+Ask = Callable[[str], str]
+
+
+@dataclass(frozen=True)
+class SurveyCall:
+    """The command's arguments, the station's configuration, the survey as it is and where it is kept."""
+
+    args: argparse.Namespace
+    config: BaseConfig
+    survey: Survey
+    path: Path
+    ask: Ask = input
+
+
+def configured(call: SurveyCall, camera: str) -> None:
+    """Raises ConfigError if the station has no such camera."""
+    names = [each.id for each in call.config.camera]
+    if camera not in names:
+        raise ConfigError(
+            f"no camera {camera}", where=str(call.args.config), action=f"configured are: {', '.join(names)}"
+        )
+
+
+def store(call: SurveyCall, survey: Survey) -> int:
+    """Keep and show it, and say what keeps it from being in force. Returns the exit code."""
+    keep(call, survey)
+    print(edit.describe(survey))
+    for line in remarks(call, survey):
+        print(line)
+    return 0
+
+
+def keep(call: SurveyCall, survey: Survey) -> None:
+    """Write it, and say where."""
+    save_survey(survey, call.path)
+    print(f"stored in {call.path}")
+
+
+def remarks(call: SurveyCall, survey: Survey) -> Iterator[str]:
+    """What an operator must still do before the station uses the survey."""
+    base = Path(call.args.config)
+    used = survey_file(call.config, base.parent)
+    if used is None or used.resolve() != call.path.resolve():
+        yield f'the station does not read it: write survey = "{call.path.resolve()}" under [site] in {base}'
+    for camera in call.config.camera:
+        if camera.position is not None and survey.of(camera.id) is not None:
+            yield f"{camera.id}: not used, {base} gives a position itself: take `position` out there"
+    yield "a running station reads it at its next start"
