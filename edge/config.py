@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from edge.common.errors import ConfigError, LensError
 from edge.common.settings import build, load
+from edge.gnss.decoders import ProtocolName, check_protocols
 from edge.lens import LensModel, LensName, check_lens_name
 from edge.link.settings import BOX_LINK, LinkSettings
 from edge.messages import Name, Pixel, SizePx, TimeNs
@@ -134,6 +135,9 @@ class GnssConfig(Section, frozen=True, kw_only=True):
 
     device: Annotated[str, Meta(min_length=1, description="serial device, socket://host:port or a recording")]
     baud: Annotated[int, Meta(ge=0, le=4_000_000, description="bits a second; 0: try the usual ones")] = 115200
+    protocols: Annotated[
+        tuple[ProtocolName, ...], Meta(description="what it sends; empty: whichever of them are recognised")
+    ] = ()
     service: Annotated[
         Literal["own-base", "network-rtk", "ppp-rtk"], Meta(description="where the corrections come from")
     ] = "network-rtk"
@@ -148,6 +152,9 @@ class GnssConfig(Section, frozen=True, kw_only=True):
         tuple[LeverArm, LeverArm, LeverArm] | None,
         Meta(description="antenna's phase centre minus lens: east, north, up metres; left out: not known"),
     ] = None
+
+    def __post_init__(self) -> None:
+        check_protocols("protocols", self.protocols)
 
 
 class ClockConfig(Section, frozen=True, kw_only=True):

@@ -11,7 +11,7 @@ from edge.gnss.session import StaticSession, Surveyed
 SILENT_S: Final = 3.0  # every receiver speaks at least once a second
 STALE_S: Final = 10.0  # a mean that has got no epoch for so long is not the antenna's present position
 AUTOBAUD_PATIENCE_S: Final = 2.5  # a receiver at 1 Hz speaks at least twice in it
-SENTENCES_PROVE_BAUD: Final = 2  # one checksum of eight bits may be right by chance
+FRAMES_PROVE_BAUD: Final = 2  # one checksum of eight bits may be right by chance
 MAX_CLOCK_APART_S: Final = 1.0  # serial positions come 10 to 700 ms late; more is a clock that is wrong
 
 Level = Literal["ok", "warn", "fail"]
@@ -55,22 +55,18 @@ class Watch:
 
     opened_s: float
     baud: int
-    counts_before: dict[str, int]
+    frames_before: int
     last_byte_s: float | None = None
     last_snapshot_s: float = float("-inf")
     host_minus_gnss_s: float | None = None
 
-    def grown(self, session: StaticSession, name: str) -> int:
-        """How much a frame counter has grown since the port was opened."""
-        return session.frame_counts[name] - self.counts_before.get(name, 0)
-
     def frames(self, session: StaticSession) -> int:
         """Whole frames since the port was opened."""
-        return self.grown(session, "nmea") + self.grown(session, "ubx")
+        return session.frames - self.frames_before
 
     def wrong_baud(self, now_s: float, session: StaticSession) -> bool:
         """Whether another rate should be tried: nothing readable has come for a while."""
-        return now_s - self.opened_s > AUTOBAUD_PATIENCE_S and self.frames(session) < SENTENCES_PROVE_BAUD
+        return now_s - self.opened_s > AUTOBAUD_PATIENCE_S and self.frames(session) < FRAMES_PROVE_BAUD
 
 
 def diagnose(session: StaticSession, surveyed: Surveyed | None, watch: Watch, now_s: float) -> ReceiverStatus:
@@ -87,9 +83,9 @@ def _of_line(session: StaticSession, watch: Watch, now_s: float) -> Finding | No
     if silent_s > SILENT_S:
         action = "check the receiver's power and that it sends on this port"
         return ReceiverState.SILENT, "fail", f"no byte for {silent_s:.0f} s", action
-    unread_s = now_s - (session.last_sentence_s or watch.opened_s)
+    unread_s = now_s - (session.last_message_s or watch.opened_s)
     if min(unread_s, now_s - watch.opened_s) > SILENT_S:
-        reason = f"bytes come at {watch.baud} baud, but no sentence in them"
+        reason = f"bytes come at {watch.baud} baud, but no message in them"
         return ReceiverState.UNREADABLE, "fail", reason, "set the receiver's baud rate, or 0 to try them all"
     return None
 
@@ -99,8 +95,8 @@ def _of_epochs(session: StaticSession, now_s: float) -> Finding | None:
     if session.last_accepted_s is not None and now_s - session.last_accepted_s <= STALE_S:
         return None
     if session.last_refusal is None:
-        action = "make it send GGA, or NAV-PVT and NAV-HPPOSLLH"
-        return ReceiverState.NO_FIX, "warn", "no position among its sentences", action
+        action = f"make it send {session.wanted}"
+        return ReceiverState.NO_FIX, "warn", "no position among its messages", action
     return ReceiverState.NO_FIX, "warn", str(session.last_refusal), ACTIONS[session.last_refusal.reason]
 
 

@@ -15,15 +15,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from edge.gnss.epoch import Epoch
-from edge.gnss.nmea import MS_PER_DAY, Gga
+from edge.gnss.epoch import MS_PER_DAY, RTK_FIXED, Epoch, Part
 
-RTK_FIXED: Final = 4
 MAX_AGE_S: Final = 5.0  # corrections older than this have let the position drift by centimetres
-MIN_DECIMALS: Final = 6  # of a minute: 1.9 mm; five are 18.6 mm and bias a quiet receiver's mean by up to 10 mm
+MAX_RESOLUTION_M: Final = 0.002  # six decimals of a minute; five, 18.6 mm, bias a quiet receiver's mean by up to 10 mm
 MAX_REPORTED_SIGMA_M: Final = 0.1  # ten times a fixed solution's; a smaller claim is no proof of anything
 MAX_PDOP: Final = 6.0  # beyond it a fixed solution's height is decimetres off; survey guidance stops at 5 or 6
-MAX_SOURCES_APART_M: Final = 0.03  # GGA against NAV-HPPOSLLH: the coarsest accepted GGA rounds to 2 mm and 0.1 m
+MAX_SOURCES_APART_M: Final = 0.03  # two messages of one instant; their own resolution comes on top
 MIN_HEIGHT_M, MAX_HEIGHT_M = -500.0, 9000.0  # the Dead Sea's shore and Everest
 
 MAX_STEP_H_M: Final = 0.03  # five sigma of the step of a fixed solution in a second; together with the vertical
@@ -103,20 +101,17 @@ def judge(epoch: Epoch, policy: Policy) -> Position | Refusal:
 
 
 def _quality(epoch: Epoch) -> Refusal | None:
-    said = [record.quality for record in (epoch.gga, epoch.pvt) if record is not None]
-    if not said:
-        return Refusal(Reason.NO_POSITION, "no GGA and no NAV-PVT")
-    worst = next((quality for quality in said if quality != RTK_FIXED), None)
+    if not epoch.solutions:
+        return Refusal(Reason.NO_POSITION, "no message with a position")
+    worst = next((part.quality for part in epoch.solutions if part.quality != RTK_FIXED), None)
     if worst is not None:
         return Refusal(Reason.QUALITY, f"{worst}: {QUALITY_NAMES.get(worst, 'unknown')}")
-    # Old receivers say A or D in RMC for a fixed solution; F, E and the rest contradict one.
-    if epoch.rmc and (not epoch.rmc.valid or epoch.rmc.mode not in ("", "R", "D", "A", "P")):
-        return Refusal(Reason.QUALITY, f"RMC says {epoch.rmc.mode or 'invalid'}")
-    return None
+    contradiction = next((part.contradiction for part in epoch.parts.values() if part.contradiction), "")
+    return Refusal(Reason.QUALITY, contradiction) if contradiction else None
 
 
 def _age(epoch: Epoch, policy: Policy) -> Refusal | None:
-    ages = [r.age_s for r in (epoch.gga, epoch.pvt) if r is not None and r.age_s is not None]
+    ages = [part.age_s for part in epoch.parts.values() if part.age_s is not None]
     if not ages:
         return None if policy.accept_unknown_age else Refusal(Reason.AGE_UNKNOWN)
     if not 0 <= max(ages) <= MAX_AGE_S:
@@ -125,10 +120,7 @@ def _age(epoch: Epoch, policy: Policy) -> Refusal | None:
 
 
 def _doubt(epoch: Epoch) -> Refusal | None:
-    sigmas = (
-        *(epoch.gst.sigma_m if epoch.gst else ()),
-        *(epoch.high_precision.sigma_m if epoch.high_precision else ()),
-    )
+    sigmas = [sigma for part in epoch.parts.values() for sigma in part.sigma_m]
     if sigmas and max(sigmas) > MAX_REPORTED_SIGMA_M:
         return Refusal(Reason.DOUBT, f"it says {max(sigmas):.2f} m")
     # Solvers that know no dilution write 0.
@@ -144,40 +136,33 @@ def _date(epoch: Epoch, policy: Policy) -> Refusal | None:
 
 
 def _position(epoch: Epoch, policy: Policy) -> Position | Refusal:
-    gga = _of_gga(epoch, epoch.gga, policy) if epoch.gga else None
-    precise = _of_ubx(epoch) if epoch.high_precision else None
-    if precise is None:
-        return gga or Refusal(Reason.RESOLUTION, "NAV-PVT alone has steps of 11 mm: enable NAV-HPPOSLLH")
-    if isinstance(precise, Position) and isinstance(gga, Position):
-        east, north, up = offset_m(precise, gga)
-        if math.hypot(east, north) > MAX_SOURCES_APART_M or abs(up) > MAX_SOURCES_APART_M + gga.step_m[1]:
-            return Refusal(Reason.DISAGREE, f"GGA and NAV-HPPOSLLH {math.hypot(east, north, up):.2f} m apart")
-    return precise
+    """The finest of the epoch's positions; the others must agree with it."""
+    judged = [_of_part(epoch, part, policy) for part in epoch.parts.values() if part.place or part.quality is not None]
+    refused = [each for each in judged if isinstance(each, Refusal)]
+    usable = sorted((each for each in judged if isinstance(each, Position)), key=lambda each: math.hypot(*each.step_m))
+    absurd = [refusal for refusal in refused if refusal.reason is Reason.RANGE]
+    if absurd or not usable:
+        # Too coarse is what is left to say of a message that is right but for that.
+        return min(absurd or refused, key=lambda refusal: refusal.reason is Reason.RESOLUTION)
+    finest, *others = usable
+    for other in others:
+        east, north, up = offset_m(finest, other)
+        if math.hypot(east, north) > MAX_SOURCES_APART_M or abs(up) > MAX_SOURCES_APART_M + other.step_m[1]:
+            apart_m = math.hypot(east, north, up)
+            return Refusal(Reason.DISAGREE, f"{other.source} and {finest.source} {apart_m:.2f} m apart")
+    return finest
 
 
-def _of_gga(epoch: Epoch, gga: Gga, policy: Policy) -> Position | Refusal:
-    if gga.lat_deg is None or gga.lon_deg is None or gga.altitude_m is None:
+def _of_part(epoch: Epoch, part: Part, policy: Policy) -> Position | Refusal:
+    place = part.place
+    if place is None:
         return Refusal(Reason.NO_POSITION, "blank fields")
-    separation_m = policy.separation_m if gga.separation_m is None else gga.separation_m
-    if separation_m is None:
+    if place.above_geoid and policy.separation_m is None:
         return Refusal(Reason.SEPARATION, "enter separation_m, or make the receiver send it")
-    if gga.decimals < MIN_DECIMALS:
-        return Refusal(Reason.RESOLUTION, f"{gga.decimals} decimals of a minute")
-    step_m = (1855.0 * 10.0**-gga.decimals, 10.0**-gga.altitude_decimals)
-    position = Position(
-        epoch.t_day_ms, epoch.date, gga.lat_deg, gga.lon_deg, gga.altitude_m + separation_m, step_m, "GGA"
-    )
-    return _in_range(position)
-
-
-def _of_ubx(epoch: Epoch) -> Position | Refusal | None:
-    precise = epoch.high_precision
-    if precise is None:
-        return None
-    step_m = (1.1e-4, 1e-4)
-    position = Position(
-        epoch.t_day_ms, epoch.date, precise.lat_deg, precise.lon_deg, precise.height_m, step_m, "NAV-HPPOSLLH"
-    )
+    if place.step_m[0] > MAX_RESOLUTION_M:
+        return Refusal(Reason.RESOLUTION, place.resolution)
+    height_m = place.height_m + ((policy.separation_m or 0.0) if place.above_geoid else 0.0)
+    position = Position(epoch.t_day_ms, epoch.date, place.lat_deg, place.lon_deg, height_m, place.step_m, part.source)
     return _in_range(position)
 
 

@@ -20,6 +20,7 @@ from edge.common.errors import ConfigError
 from edge.common.health import Check
 from edge.config import GnssConfig
 from edge.gnss.averaging import SERVICES
+from edge.gnss.decoders import decoders
 from edge.gnss.diagnosis import Level, ReceiverState, ReceiverStatus, Watch, counters, diagnose
 from edge.gnss.gates import Policy, metres_per_degree
 from edge.gnss.port import Fault, PortError, ReceiverPort, open_port
@@ -114,7 +115,9 @@ class Receiver:
             earliest=None if self._recorded else EARLIEST,
         )
         service = SERVICES[self._config.service]
-        return StaticSession(service, policy, baseline_m=self._config.baseline_m)
+        return StaticSession(
+            service, policy, baseline_m=self._config.baseline_m, decoders=decoders(self._config.protocols)
+        )
 
     def _run(self) -> None:
         while not self._stopping.is_set():
@@ -133,7 +136,7 @@ class Receiver:
         port = self._opener(self._config.device, self._baud)
         log.info("%s: open at %d baud", self._config.device, self._baud)
         try:
-            watch = Watch(self._monotonic_s(), self._baud, self._session.frame_counts.copy())
+            watch = Watch(self._monotonic_s(), self._baud, self._session.frames)
             while not self._stopping.is_set():
                 self._take(port.read(), watch)
                 if self._config.baud == 0 and watch.wrong_baud(self._monotonic_s(), self._session):

@@ -8,14 +8,16 @@ a receiver says while it still converges is dropped, and a minute must pass at r
 import datetime as dt
 import math
 from collections import Counter, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from edge.gnss import nmea, ubx
 from edge.gnss.averaging import SERVICES, Service, StaticMean, average
-from edge.gnss.epoch import Epoch, EpochAssembler
+from edge.gnss.decoder import Decoder, MalformedError
+from edge.gnss.decoders import decoders as all_decoders
+from edge.gnss.epoch import MS_PER_DAY, Epoch, EpochAssembler
 from edge.gnss.framing import Framer, Packet
 from edge.gnss.gates import (
     CONFIRMATIONS,
@@ -34,7 +36,7 @@ WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardly anyth
 SETTLING_S: Final = 60.0  # a receiver that has just fixed converges for up to a minute
 MOST_EPOCHS: Final = 12_000  # ten minutes at 20 Hz
 NS_PER_MS: Final = 1_000_000
-NS_PER_DAY: Final = nmea.MS_PER_DAY * NS_PER_MS
+NS_PER_DAY: Final = MS_PER_DAY * NS_PER_MS
 
 
 @dataclass(frozen=True)
@@ -60,12 +62,19 @@ class StaticSession:
     """One antenna at rest."""
 
     def __init__(
-        self, service: Service = SERVICES["network-rtk"], policy: Policy | None = None, *, baseline_m: float = 0.0
+        self,
+        service: Service = SERVICES["network-rtk"],
+        policy: Policy | None = None,
+        *,
+        baseline_m: float = 0.0,
+        decoders: Iterable[Decoder] | None = None,
     ) -> None:
+        """decoders: of the protocols to read; None for all there are."""
         self._service = service
         self._policy = policy or Policy()
         self._baseline_m = baseline_m
-        self._framer = Framer()
+        self._decoders = {decoder.name: decoder for decoder in decoders or all_decoders()}
+        self._framer = Framer(self._decoders.values())
         self._assembler = EpochAssembler()
         self._gate = StillnessGate()
         self._window: deque[_Accepted] = deque(maxlen=MOST_EPOCHS)
@@ -77,13 +86,23 @@ class StaticSession:
         self.counts: Counter[str] = Counter()
         self.refusals: Counter[Reason] = Counter()
         self.last_refusal: Refusal | None = None
-        self.last_sentence_s: float | None = None
+        self.last_message_s: float | None = None
         self.last_accepted_s: float | None = None
 
     @property
     def frame_counts(self) -> Counter[str]:
-        """Bytes and frames so far."""
+        """Bytes, frames of each protocol and failed checksums so far."""
         return self._framer.counts
+
+    @property
+    def frames(self) -> int:
+        """Whole frames so far, of any protocol."""
+        return self._framer.frames
+
+    @property
+    def wanted(self) -> str:
+        """The messages that a receiver must send, in words."""
+        return ", or ".join(decoder.wanted for decoder in self._decoders.values())
 
     def feed(self, data: bytes, t_s: float) -> list[Position]:
         """The positions accepted because of `data`, which came at monotonic t_s. Feed b"" when nothing comes."""
@@ -142,16 +161,15 @@ class StaticSession:
 
     def _add(self, frame: Packet, t_s: float) -> list[Epoch]:
         try:
-            record = nmea.decode(frame.body) if frame.kind == "nmea" else ubx.decode(frame.body)
-        except nmea.MalformedError:
+            part = self._decoders[frame.kind].decode(frame.body)
+        except MalformedError:
             self.counts["malformed"] += 1
             return []
-        if frame.kind == "nmea" or record is not None:
-            self.last_sentence_s = t_s
-        return self._assembler.add(record, t_s) if record is not None else []
+        self.last_message_s = t_s
+        return self._assembler.add(part, t_s) if part is not None else []
 
     def _take(self, epoch: Epoch, t_s: float) -> list[Position]:
-        if epoch.gga is None and epoch.pvt is None:
+        if not epoch.solutions:
             return []  # a date or a sigma by itself is no epoch
         self.counts["epochs"] += 1
         judged = judge(epoch, self._policy)

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from edge.gnss.framing import fletcher
+from edge.gnss.decoders.ubx import fletcher
 from edge.gnss.gates import Position, offset_m
 from edge.gnss.session import StaticSession
 from tools.doubles.receiver import Place, gga, gst, rmc, rtk_error, zda

@@ -3,7 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.gnss.framing import HEADER_PATIENCE_S, Framer, Packet, fletcher
+from edge.gnss.decoders import decoders
+from edge.gnss.decoders.ubx import fletcher
+from edge.gnss.framing import HEADER_PATIENCE_S, Framer, Packet
 from tools.doubles.receiver import sentence
 
 GGA = sentence("GNGGA,092542.00,4846.4008666,N,00854.7249096,E,4,12,0.47,419.166,M,47.535,M,0.0,0000")
@@ -19,7 +21,7 @@ def ubx(message_class: int, message_id: int, payload: bytes) -> bytes:
 
 def frames_of(*pieces: bytes, end_s: float = 2 * HEADER_PATIENCE_S) -> list[Packet]:
     """What a framer makes of pieces that come at once, and of the silence after them."""
-    framer = Framer()
+    framer = Framer(decoders())
     return [frame for piece in pieces for frame in framer.feed(piece, 0.0)] + framer.feed(b"", end_s)
 
 
@@ -50,7 +52,7 @@ def test_a_new_dollar_inside_a_sentence_restarts_it() -> None:
 
 
 def test_a_false_header_that_claims_8_kB_holds_nothing_back_for_long() -> None:
-    framer = Framer()
+    framer = Framer(decoders())
     false = b"\xb5\x62\x01\x07\xff\x1f"
     assert framer.feed(false + GGA, 0.0) == []
     assert framer.feed(b"", HEADER_PATIENCE_S / 2) == []
@@ -58,7 +60,7 @@ def test_a_false_header_that_claims_8_kB_holds_nothing_back_for_long() -> None:
 
 
 def test_a_header_that_claims_more_than_any_message_is_passed_at_once() -> None:
-    assert Framer().feed(b"\xb5\x62\x01\x07\xff\xff" + GGA, 0.0) == [Packet("nmea", BODY)]
+    assert Framer(decoders()).feed(b"\xb5\x62\x01\x07\xff\xff" + GGA, 0.0) == [Packet("nmea", BODY)]
 
 
 def test_a_message_of_wrong_checksum_hides_no_sentence_inside_it() -> None:
@@ -68,7 +70,7 @@ def test_a_message_of_wrong_checksum_hides_no_sentence_inside_it() -> None:
 
 
 def test_reset_forgets_half_a_frame() -> None:
-    framer = Framer()
+    framer = Framer(decoders())
     framer.feed(GGA[:40], 0.0)
     framer.reset()
     assert framer.feed(GGA[40:], 0.0) == []
@@ -88,7 +90,7 @@ def test_any_bytes_in_any_pieces_give_the_same_frames(data: bytes, at: int) -> N
 
 @given(st.binary(max_size=2000))
 def test_the_buffer_is_bounded(data: bytes) -> None:
-    framer = Framer()
+    framer = Framer(decoders())
     framer.feed(data * 10, 0.0)
     framer.feed(b"", 2 * HEADER_PATIENCE_S)
     assert len(framer._buffer) <= 8200

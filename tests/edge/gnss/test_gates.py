@@ -8,6 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edge.gnss.decoders import nmea, ubx
+from edge.gnss.decoders.nmea import Gga, Gst, Rmc
+from edge.gnss.decoders.ubx import HighPrecision, Pvt
 from edge.gnss.diagnosis import ACTIONS
 from edge.gnss.epoch import Epoch
 from edge.gnss.gates import (
@@ -24,8 +27,6 @@ from edge.gnss.gates import (
     metres_per_degree,
     offset_m,
 )
-from edge.gnss.nmea import Gga, Gst, Rmc
-from edge.gnss.ubx import HighPrecision, Pvt
 
 GGA = Gga(43_200_000, 48.0, 11.0, 4, 12, 500.0, 47.0, 1.0, "", 7, 3)
 PVT = Pvt(43_200_000, 77_000, dt.date(2026, 6, 1), True, 4, 20, 48.0, 11.0, 547.0, 1.0)
@@ -33,9 +34,12 @@ PRECISE = HighPrecision(77_000, 48.0, 11.0, 547.0, (0.01, 0.02))
 NEWEST = Policy(earliest=dt.date(2025, 1, 1))
 
 
-def epoch(**parts: object) -> Epoch:
-    """An epoch at noon."""
-    return Epoch(43_200_000, **parts)  # type: ignore[arg-type]
+def epoch(t_day_ms: int = 43_200_000, *, pdops: tuple[float, ...] = (), **records: object) -> Epoch:
+    """An epoch, at noon unless said otherwise, of what messages said."""
+    made = Epoch(t_day_ms, pdops=list(pdops))
+    for record in records.values():
+        made.add(ubx.part(record) if isinstance(record, Pvt | HighPrecision) else nmea.part(record))  # type: ignore[arg-type]
+    return made
 
 
 def test_a_good_epoch() -> None:
@@ -84,7 +88,7 @@ def test_every_reason_has_a_next_action() -> None:
 
 
 def test_a_leap_second() -> None:
-    assert judge(Epoch(86_400_000, gga=GGA), Policy()) == Refusal(Reason.LEAP_SECOND)
+    assert judge(epoch(86_400_000, gga=GGA), Policy()) == Refusal(Reason.LEAP_SECOND)
 
 
 def test_what_the_operator_may_allow() -> None:

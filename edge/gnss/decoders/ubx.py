@@ -1,4 +1,4 @@
-"""The two UBX messages a survey needs -> typed records: NAV-PVT (time, mode) and NAV-HPPOSLLH (0.1 mm position).
+"""UBX: the two messages a survey needs, NAV-PVT (time, mode) and NAV-HPPOSLLH (0.1 mm position).
 
 The hazard is the half-valid message: an old firmware leaves fields at zero, a cold receiver sends a time that is whole
 seconds off until it is resolved, `nano` may be negative, and a position may carry an `invalid` flag. NAV-PVT alone has
@@ -12,8 +12,14 @@ from typing import Any, Final
 from pyubx2 import UBXReader
 from pyubx2.exceptions import UBXMessageError, UBXParseError, UBXTypeError
 
-from edge.gnss.nmea import MalformedError
+from edge.gnss.decoder import Cut, Decoder, MalformedError
+from edge.gnss.epoch import MS_PER_DAY, Part, Place
 
+MAX_PAYLOAD: Final = 8192  # bytes: the longest message of a u-blox F9 is shorter
+OVERHEAD: Final = 8  # bytes about a payload: sync, class, id, length, and two of a checksum
+PVT_STEP_M: Final = (0.011, 0.001)  # 1e-7 degrees, and millimetres
+HIGH_PRECISION_STEP_M: Final = (1.1e-4, 1e-4)  # 1e-9 degrees, and tenths of millimetres
+PVT_DATE_RANK: Final = 3  # its four-digit year is said to be resolved, which no sentence's is
 _NAV_PVT: Final = b"\x01\x07"
 _NAV_HPPOSLLH: Final = b"\x01\x14"
 _QUALITY_OF_CARRIER: Final = {0: None, 1: 5, 2: 4}  # float, fixed: as GGA numbers them
@@ -48,7 +54,61 @@ class HighPrecision:
     sigma_m: tuple[float, float]
 
 
-def decode(message: bytes) -> Pvt | HighPrecision | None:
+class Ubx(Decoder):
+    """u-blox's binary protocol."""
+
+    name = "ubx"
+    sync = b"\xb5\x62"
+    wanted = "NAV-PVT and NAV-HPPOSLLH"
+
+    def cut(self, buffer: bytes, start: int) -> Cut | None:
+        """The whole message, sync included."""
+        if len(buffer) < start + 6:
+            return None
+        length = int.from_bytes(buffer[start + 4 : start + 6], "little")
+        end = start + OVERHEAD + length
+        if length > MAX_PAYLOAD:
+            return Cut(start + 1)
+        if len(buffer) < end:
+            return None
+        if fletcher(buffer[start + 2 : end - 2]) != buffer[end - 2 : end]:
+            return Cut(start + 1, checksum_failed=True)
+        return Cut(end, buffer[start:end])
+
+    def decode(self, body: bytes) -> Part | None:
+        """What a message says of its epoch."""
+        record = read(body)
+        return None if record is None else part(record)
+
+
+def part(record: Pvt | HighPrecision) -> Part:
+    """What a message says, in neutral terms."""
+    if isinstance(record, HighPrecision):
+        place = Place(record.lat_deg, record.lon_deg, record.height_m, HIGH_PRECISION_STEP_M, "steps of 0.1 mm")
+        return Part("NAV-HPPOSLLH", tow_ms=record.itow_ms, place=place, sigma_m=record.sigma_m)
+    resolution = "NAV-PVT alone has steps of 11 mm: enable NAV-HPPOSLLH"
+    return Part(
+        "NAV-PVT",
+        record.t_day_ms,
+        tow_ms=record.itow_ms,
+        quality=record.quality,
+        age_s=record.age_s,
+        place=Place(record.lat_deg, record.lon_deg, record.height_m, PVT_STEP_M, resolution),
+        date=record.date if record.time_resolved else None,
+        date_rank=PVT_DATE_RANK,
+    )
+
+
+def fletcher(data: bytes) -> bytes:
+    """The two check bytes of a UBX message over class, id, length and payload (u-blox interface description, 3.4)."""
+    a = b = 0
+    for byte in data:
+        a += byte
+        b += a
+    return bytes((a & 0xFF, b & 0xFF))
+
+
+def read(message: bytes) -> Pvt | HighPrecision | None:
     """The record in a checked UBX message; None for one that is not used or is flagged invalid.
 
     Raises MalformedError for one that is not what its class and id say.
@@ -72,7 +132,7 @@ def _pvt(fields: Any, itow_ms: int) -> Pvt | None:
     # The time is stamped in whole milliseconds by every sentence that names the same epoch.
     t_unix_ms = round(moment.timestamp() * 1000)
     return Pvt(
-        t_day_ms=t_unix_ms % 86_400_000,
+        t_day_ms=t_unix_ms % MS_PER_DAY,
         itow_ms=itow_ms,
         date=dt.datetime.fromtimestamp(t_unix_ms / 1000, dt.UTC).date(),
         time_resolved=bool(fields.fullyResolved),

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyubx2 import GET, UBXMessage
 
-from edge.gnss.framing import fletcher
-from edge.gnss.nmea import MalformedError
-from edge.gnss.ubx import HighPrecision, Pvt, decode
+from edge.gnss.decoder import MalformedError
+from edge.gnss.decoders.ubx import HighPrecision, Pvt, fletcher, read
 
 TIME = {"iTOW": 408_639_750, "year": 2025, "month": 8, "day": 28, "hour": 17, "min": 30, "second": 22, "nano": 0}
 FLAGS = {"validDate": 1, "validTime": 1, "fullyResolved": 1, "fixType": 3, "gnssFixOk": 1, "numSV": 25}
@@ -24,7 +23,7 @@ def pvt(**change: object) -> bytes:
 
 
 def test_a_fixed_solution() -> None:
-    record = decode(pvt())
+    record = read(pvt())
     assert isinstance(record, Pvt)
     assert (record.quality, record.age_s, record.satellites) == (4, 2.0, 25)
     assert (record.date, record.t_day_ms) == (dt.date(2025, 8, 28), 63_022_000)
@@ -43,37 +42,37 @@ def test_a_fixed_solution() -> None:
     ],
 )
 def test_quality_is_numbered_as_in_gga(change: dict[str, object], quality: int) -> None:
-    record = decode(pvt(**change))
+    record = read(pvt(**change))
     assert isinstance(record, Pvt)
     assert record.quality == quality
 
 
 def test_a_negative_nano_belongs_to_the_second_before() -> None:
-    midnight = decode(pvt(hour=0, min=0, second=0, nano=-250_000_000))
+    midnight = read(pvt(hour=0, min=0, second=0, nano=-250_000_000))
     assert isinstance(midnight, Pvt)
     assert (midnight.date, midnight.t_day_ms) == (dt.date(2025, 8, 27), 86_399_750)
-    whole = decode(pvt(nano=-127_759))
+    whole = read(pvt(nano=-127_759))
     assert isinstance(whole, Pvt)
     assert whole.t_day_ms == 63_022_000
 
 
 @pytest.mark.parametrize(("bucket", "age_s"), [(0, None), (1, 1.0), (3, 5.0), (4, 10.0), (11, 120.0), (15, 999.0)])
 def test_the_age_of_corrections_is_the_buckets_upper_end(bucket: int, age_s: float | None) -> None:
-    record = decode(pvt(lastCorrectionAge=bucket))
+    record = read(pvt(lastCorrectionAge=bucket))
     assert isinstance(record, Pvt)
     assert record.age_s == age_s
 
 
 @pytest.mark.parametrize("change", [{"invalidLlh": 1}, {"validDate": 0}, {"validTime": 0}])
 def test_what_is_flagged_invalid_is_no_record(change: dict[str, object]) -> None:
-    assert decode(pvt(**change)) is None
+    assert read(pvt(**change)) is None
 
 
 def test_a_leap_second_and_an_impossible_date() -> None:
-    leap = decode(pvt(hour=23, min=59, second=60))
+    leap = read(pvt(hour=23, min=59, second=60))
     assert isinstance(leap, Pvt)
     with pytest.raises(MalformedError):
-        decode(pvt(month=13))
+        read(pvt(month=13))
 
 
 def test_high_precision() -> None:
@@ -81,7 +80,7 @@ def test_high_precision() -> None:
     payload = struct.pack(
         "<B2xBIiiiibbbbII", 0, 0, 408_639_750, -1_051_471_665, 400_966_916, 1_580_048, 0, -34, 12, 3, 0, 140, 210
     )
-    record = decode(b"\xb5\x62\x01\x14\x24\x00" + payload + fletcher(b"\x01\x14\x24\x00" + payload))
+    record = read(b"\xb5\x62\x01\x14\x24\x00" + payload + fletcher(b"\x01\x14\x24\x00" + payload))
     assert isinstance(record, HighPrecision)
     assert record.itow_ms == 408_639_750
     assert record.lat_deg == pytest.approx(40.096691612, abs=1.1e-9)
@@ -93,7 +92,7 @@ def test_high_precision() -> None:
 def test_any_payload_is_a_record_nothing_or_malformed(name: bytes, payload: bytes) -> None:
     message = b"\xb5\x62" + name + len(payload).to_bytes(2, "little") + payload + b"\x00\x00"
     try:
-        decode(message)
+        read(message)
     except MalformedError:
         return
 
@@ -101,6 +100,6 @@ def test_any_payload_is_a_record_nothing_or_malformed(name: bytes, payload: byte
 @given(st.binary(min_size=92, max_size=92))
 def test_any_navigation_solution_of_the_right_length(payload: bytes) -> None:
     try:
-        decode(b"\xb5\x62\x01\x07\x5c\x00" + payload + b"\x00\x00")
+        read(b"\xb5\x62\x01\x07\x5c\x00" + payload + b"\x00\x00")
     except MalformedError:
         return

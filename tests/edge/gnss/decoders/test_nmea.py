@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.gnss.nmea import Gga, Gsa, Gst, MalformedError, Rmc, Zda, decode
+from edge.gnss.decoder import MalformedError
+from edge.gnss.decoders.nmea import Gga, Gsa, Gst, Rmc, Zda, read
 from tools.doubles.receiver import Place, gga
 
 NOON = dt.datetime(2026, 6, 1, 12, 0, 0, 250_000, tzinfo=dt.UTC)
@@ -14,7 +15,7 @@ GOOD = "GNGGA,120000.25,4846.4008666,N,00854.7249096,E,4,12,0.47,419.166,M,47.53
 
 
 def test_gga() -> None:
-    record = decode(GOOD.encode())
+    record = read(GOOD.encode())
     assert record == Gga(
         t_day_ms=43_200_250,
         lat_deg=pytest.approx(48 + 46.4008666 / 60, abs=1e-10),
@@ -31,23 +32,23 @@ def test_gga() -> None:
 
 
 def test_blank_fields_are_none_and_never_zero() -> None:
-    record = decode(b"GPGGA,120000.00,,,,,0,00,,,M,,M,,")
+    record = read(b"GPGGA,120000.00,,,,,0,00,,,M,,M,,")
     assert isinstance(record, Gga)
     assert (record.lat_deg, record.lon_deg, record.altitude_m, record.separation_m, record.age_s) == (None,) * 5
 
 
 def test_the_other_sentences() -> None:
-    assert decode(b"GPGST,024603.00,3.2,6.6,4.7,47.3,5.8,5.6,22.0") == Gst(9_963_000, (5.6, 5.8, 22.0))
-    assert decode(b"GNRMC,092542.00,A,4846.4,N,00854.7,E,0.004,,010118,,,R,V") == Rmc(
+    assert read(b"GPGST,024603.00,3.2,6.6,4.7,47.3,5.8,5.6,22.0") == Gst(9_963_000, (5.6, 5.8, 22.0))
+    assert read(b"GNRMC,092542.00,A,4846.4,N,00854.7,E,0.004,,010118,,,R,V") == Rmc(
         33_942_000, True, dt.date(2018, 1, 1), "R"
     )
-    assert decode(b"GPZDA,160012.71,11,03,2004,-1,00") == Zda(57_612_710, dt.date(2004, 3, 11))
-    assert decode(b"GNGSA,A,3,80,71,73,79,69,,,,,,,,1.83,1.09,1.47") == Gsa(1.83)
+    assert read(b"GPZDA,160012.71,11,03,2004,-1,00") == Zda(57_612_710, dt.date(2004, 3, 11))
+    assert read(b"GNGSA,A,3,80,71,73,79,69,,,,,,,,1.83,1.09,1.47") == Gsa(1.83)
 
 
 @pytest.mark.parametrize("body", [b"GPGSV,1,1,00", b"PUBX,00,1", b"PTNL,GGK,1", b"", b"GN", b"GNXXX,1"])
 def test_a_sentence_of_another_kind_is_no_record(body: bytes) -> None:
-    assert decode(body) is None
+    assert read(body) is None
 
 
 @pytest.mark.parametrize(
@@ -74,11 +75,11 @@ def test_a_sentence_of_another_kind_is_no_record(body: bytes) -> None:
 def test_what_is_not_plain_is_malformed(old: str, new: str) -> None:
     assert old in GOOD
     with pytest.raises(MalformedError):
-        decode(GOOD.replace(old, new).encode("latin-1", "replace"))
+        read(GOOD.replace(old, new).encode("latin-1", "replace"))
 
 
 def test_a_leap_second_is_on_no_clock() -> None:
-    record = decode(GOOD.replace("120000.25", "235960.00").encode())
+    record = read(GOOD.replace("120000.25", "235960.00").encode())
     assert isinstance(record, Gga)
     assert record.t_day_ms >= 86_400_000
 
@@ -86,14 +87,14 @@ def test_a_leap_second_is_on_no_clock() -> None:
 @pytest.mark.parametrize("body", [b"GNRMC,120000,A,,,,,,,310299,,,R,V", b"GPZDA,120000.00,31,02,2024,00,00"])
 def test_an_impossible_date_is_malformed(body: bytes) -> None:
     with pytest.raises(MalformedError):
-        decode(body)
+        read(body)
 
 
 @given(st.binary(max_size=120))
 def test_any_bytes_are_a_record_nothing_or_malformed(tail: bytes) -> None:
     for head in (b"GNGGA,", b"GNRMC,", b"GPGST,", b"GNZDA,", b"GNGSA,", b""):
         try:
-            decode(head + tail)
+            read(head + tail)
         except MalformedError:
             continue
 
@@ -102,14 +103,14 @@ def test_any_bytes_are_a_record_nothing_or_malformed(tail: bytes) -> None:
 def test_any_likely_text_is_a_record_nothing_or_malformed(tail: str) -> None:
     for head in ("GNGGA,120000.00,", "GNRMC,120000.00,A,", "GPGST,120000.00,"):
         try:
-            decode((head + tail).encode())
+            read((head + tail).encode())
         except MalformedError:
             continue
 
 
 @given(st.floats(-89.999, 89.999), st.floats(-179.999, 179.999), st.floats(-400, 8000), st.floats(-100, 80))
 def test_a_place_survives_the_sentence(lat_deg: float, lon_deg: float, altitude_m: float, separation_m: float) -> None:
-    record = decode(gga(NOON, Place(lat_deg, lon_deg, altitude_m, separation_m))[1:-5])
+    record = read(gga(NOON, Place(lat_deg, lon_deg, altitude_m, separation_m))[1:-5])
     assert isinstance(record, Gga)
     # Half a step of 1e-7 minute, and pynmeagps's own rounding to 1e-10 degree.
     assert record.lat_deg == pytest.approx(lat_deg, abs=1.0e-9)

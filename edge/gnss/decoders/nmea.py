@@ -1,4 +1,4 @@
-"""One NMEA sentence -> one typed record, or the reason why it is none.
+"""NMEA 0183: sentences -> typed records -> what they say of an epoch, or the reason why they say nothing.
 
 The hazard is the tolerant parser. Off the shelf a blank position becomes 0, 0, a blank geoid separation 0 m (38 m wrong
 in Tsukuba), `inf` an altitude, and latitude 91 a latitude. So a strict grammar comes first: plain numbers, minutes
@@ -11,12 +11,27 @@ import datetime as dt
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
+from operator import xor
 from typing import Any, Final
 
 from pynmeagps import NMEAReader
 from pynmeagps.exceptions import NMEAMessageError, NMEAParseError, NMEATypeError
 
-MS_PER_DAY: Final = 86_400_000
+from edge.gnss.decoder import Cut, Decoder, MalformedError
+from edge.gnss.epoch import MS_PER_DAY, Part, Place
+
+_SENTENCE: Final = re.compile(rb"\$([ -#%-)+-~]{5,250})\*([0-9A-Fa-f]{2})")  # longer than the standard's 82 bytes too
+_UNFINISHED: Final = re.compile(rb"\$[ -#%-)+-~]{0,250}(?:\*[0-9A-Fa-f]?)?\Z")
+_M_PER_MINUTE: Final = 1855.0  # of latitude, the most of it: at the poles 1862, at the equator 1843
+_RMC_OF_A_FIX: Final = (
+    "",
+    "R",
+    "D",
+    "A",
+    "P",
+)  # old ones say A or D of a fixed solution; F, E and the rest deny it
+_ZDA_RANK, _RMC_RANK = 2, 1  # a year of four digits before one of two
 
 _TIME: Final = r"(?P<hour>[01]\d|2[0-3])(?P<minute>[0-5]\d)(?P<second>[0-5]\d|60)(?:\.(?P<fraction>\d{1,6}))?"
 _LAT: Final = r"(?P<lat_deg>\d\d)(?P<lat_min>[0-5]\d)(?:\.(?P<lat_decimals>\d{1,12}))?,(?P<ns>[NS])"
@@ -45,10 +60,6 @@ _GRAMMAR: Final[dict[str, re.Pattern[str]]] = {
         rf"{_TALKER}GSA,[MA]?,[123]?,(?:\d{{0,3}},){{12}}(?P<pdop>(?:{_NUMBER})?),(?:{_NUMBER})?,(?:{_NUMBER})?(?:,\d?)?"
     ),
 }
-
-
-class MalformedError(ValueError):
-    """A sentence passed its checksum and still is not what it claims; the text says which."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +118,56 @@ class Gsa:
 Record = Gga | Gst | Rmc | Zda | Gsa
 
 
-def decode(body: bytes) -> Record | None:
+class Nmea(Decoder):
+    """NMEA 0183, of any talker of positions."""
+
+    name = "nmea"
+    sync = b"$"
+    wanted = "GGA"
+
+    def cut(self, buffer: bytes, start: int) -> Cut | None:
+        """The text between `$` and `*`."""
+        found = _SENTENCE.match(buffer, start)
+        if found is None:
+            return None if _UNFINISHED.match(buffer, start) else Cut(start + 1)
+        if reduce(xor, found[1]) != int(found[2], 16):
+            return Cut(start + 1, checksum_failed=True)
+        return Cut(found.end(), found[1])
+
+    def decode(self, body: bytes) -> Part | None:
+        """What a sentence says of its epoch."""
+        record = read(body)
+        return None if record is None else part(record)
+
+
+def part(record: Record) -> Part:
+    """What a sentence says, in neutral terms."""
+    match record:
+        case Gga():
+            place = _place(record)
+            return Part("GGA", record.t_day_ms, quality=record.quality, age_s=record.age_s, place=place)
+        case Gst():
+            return Part("GST", record.t_day_ms, sigma_m=record.sigma_m)
+        case Rmc():
+            fixed = record.valid and record.mode in _RMC_OF_A_FIX
+            contradiction = "" if fixed else f"RMC says {record.mode or 'invalid'}"
+            return Part("RMC", record.t_day_ms, date=record.date, date_rank=_RMC_RANK, contradiction=contradiction)
+        case Zda():
+            return Part("ZDA", record.t_day_ms, date=record.date, date_rank=_ZDA_RANK)
+        case Gsa():
+            return Part("GSA", pdop=record.pdop)
+
+
+def _place(gga: Gga) -> Place | None:
+    if gga.lat_deg is None or gga.lon_deg is None or gga.altitude_m is None:
+        return None
+    step_m = (_M_PER_MINUTE * 10.0**-gga.decimals, 10.0**-gga.altitude_decimals)
+    above_geoid = gga.separation_m is None
+    height_m = gga.altitude_m + (gga.separation_m or 0.0)
+    return Place(gga.lat_deg, gga.lon_deg, height_m, step_m, f"{gga.decimals} decimals of a minute", above_geoid)
+
+
+def read(body: bytes) -> Record | None:
     """The record in a sentence's text between `$` and `*`; None for a sentence that is not used here.
 
     Raises MalformedError where a used sentence breaks its grammar or its range.
@@ -120,7 +180,7 @@ def decode(body: bytes) -> Record | None:
     if fields is None:
         raise MalformedError(name)
     try:
-        return _DECODERS[name](fields, body)
+        return _READERS[name](fields, body)
     except (NMEAParseError, NMEAMessageError, NMEATypeError, ValueError, TypeError) as error:
         raise MalformedError(name) from error
 
@@ -183,7 +243,7 @@ def _gsa(fields: re.Match[str], body: bytes) -> Gsa:
     return Gsa(_parse(body).PDOP if fields["pdop"] else None)
 
 
-_DECODERS: Final[dict[str, Callable[[re.Match[str], bytes], Record]]] = {
+_READERS: Final[dict[str, Callable[[re.Match[str], bytes], Record]]] = {
     "GGA": _gga,
     "GST": _gst,
     "RMC": _rmc,
