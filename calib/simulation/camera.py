@@ -39,7 +39,7 @@ class TrueCamera:
         return stamps
 
     def site_time_s(self, stamps_ns: NDArray[np.int64], rows_px: Array | float = 0.0) -> Array:
-        """(N,) seconds of the site's time at which rows_px of the frames were exposed (DESIGN, section 2)."""
+        """(N,) seconds of the site's time at which rows_px of the frames were exposed (deploy/ARCHITECTURE.md)."""
         d, t = self.description, stamps_ns * 1e-9
         stepped = sum((np.where(t >= step.at_s, -step.step_s, 0.0) for step in d.clock_step), np.zeros(len(t)))
         drifted = d.clock_offset_s + d.clock_rate * (t - self.t_mid_s)

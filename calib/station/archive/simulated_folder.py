@@ -1,4 +1,4 @@
-"""A simulated scene as a track folder (DESIGN, section 3), with the truth beside it.
+"""A simulated scene as a track folder (deploy/CONTRACTS.md), with the truth beside it.
 
 `site.toml` and `tracks/` hold what a real site would; `truth.csv` (the first object), `truth/<object>.csv` (each of
 them) and `truth.toml` (the true network) are what only a simulation can know. The truth is in the site's frame and on
