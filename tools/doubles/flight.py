@@ -17,6 +17,7 @@ from edge.lens import LensModel
 
 T0_UNIX_NS: Final = 1_800_000_000 * 10**9
 ORIGIN: Final = (47.4085, 8.5071, 580.0)
+SHARED: Final = 0.5  # variance that all poses have in common, relative to each one's own
 STEP_S: Final = 0.01  # of the simulated flights; between steps they are interpolated
 
 
@@ -59,13 +60,16 @@ class Scene:
 
 
 def make(spec: Spec) -> Scene:
-    """The scene of a spec; same spec, same scene."""
+    """The scene of a spec; same spec, same scene, on every processor."""
     rng = np.random.default_rng(spec.seed)
     truth = tuple(_camera(k, spec, rng) for k in range(spec.cameras))
     sigma = np.tile([spec.sigma_attitude_rad] * 3 + [spec.sigma_centre_m] * 3, spec.cameras)
     # A shared part as well: a survey's errors are alike from tripod to tripod.
-    covariance = np.diag(sigma**2) + np.outer(sigma, sigma) * np.kron(np.ones((spec.cameras,) * 2), np.eye(6)) * 0.5
-    error = rng.multivariate_normal(np.zeros(len(sigma)), covariance).reshape(-1, POSE_SIZE)
+    correlation = np.eye(len(sigma)) + SHARED * np.kron(np.ones((spec.cameras,) * 2), np.eye(POSE_SIZE))
+    covariance = np.outer(sigma, sigma) * correlation
+    # By Cholesky: an SVD's vectors of equal singular values are another set on every processor, and so the scene.
+    unit = rng.multivariate_normal(np.zeros(len(sigma)), correlation, method="cholesky")
+    error = (sigma * unit).reshape(-1, POSE_SIZE)
     estimated = tuple(perturbed(camera, -error[k]) for k, camera in enumerate(truth))
     network = Network("bench", ORIGIN, T0_UNIX_NS, estimated, covariance, spec.noise_px)
     return Scene(spec, network, truth, _flights(spec, rng))

@@ -30,7 +30,8 @@ def control_of(power: int) -> np.ndarray:
 def test_weights_are_a_partition_of_unity(t: float) -> None:
     assert located(t).weights().sum() == pytest.approx(1.0, abs=1e-14)
     assert located(t).velocity_weights().sum() == pytest.approx(0.0, abs=1e-12)
-    assert (located(t).weights() >= 0).all()
+    # Sums of four products below 1: where 0 is due, they leave some 1e-17 of either sign, as the BLAS adds them up.
+    assert (located(t).weights() >= -1e-15).all()
 
 
 @given(t=st.floats(10.01, 12.99), seed=st.integers(0, 1000))
