@@ -268,7 +268,7 @@ class Tracker:
         return [self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen]
 
     def predicted(self, now_s: float) -> list[TargetEstimate]:
-        """All targets that are confirmed, each moved on to now, with what that adds to its covariance."""
+        """All targets that are confirmed, each taken to now, on or back, with what that adds to its covariance."""
         chosen = np.nonzero(self._beliefs.confirmed)[0].tolist()
         return [self._estimate(k, now_s, self._state_of(k, now_s), moved_on=True) for k in chosen]
 
@@ -286,10 +286,11 @@ class Tracker:
         return TargetState.COASTING if now_s - self._beliefs.last_s[k] > COASTS_AFTER_S else TargetState.CONFIRMED
 
     def _estimate(self, k: int, now_s: float, state: TargetState, *, moved_on: bool = False) -> TargetEstimate:
-        still = state is TargetState.CONFIRMED and not moved_on
-        dt_s = 0.0 if still else max(now_s - float(self._bank.t_s[k]), 0.0)
         x, P, t_s = self._bank.state[k], self._bank.covariance[k], float(self._bank.t_s[k])
-        if dt_s > 0:
+        still = state is TargetState.CONFIRMED and not moved_on
+        # Back as well: what "now" is, is known to some milliseconds, and a frame may be stamped after it.
+        dt_s = now_s - t_s if moved_on else 0.0 if still else max(now_s - t_s, 0.0)
+        if dt_s != 0:
             motion = self._options.motion
             F = motion.transition(np.array([dt_s]))[0]
             surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_vigour[k]

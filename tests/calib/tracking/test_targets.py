@@ -92,6 +92,20 @@ def test_out_of_sequence_measurements_count_where_they_belong() -> None:
         assert np.all(np.abs(at(a, b.t_unix_ns) - b.position_enu) < 2 * np.sqrt(np.diag(a.covariance)[:3]))
 
 
+@pytest.mark.parametrize("after_s", [-0.02, 0.0, 0.05])
+def test_a_prediction_is_of_the_instant_asked_for_also_where_a_frame_is_stamped_after_it(after_s: float) -> None:
+    """At some 5 m/s, 20 ms are a sigma: a position of another instant than the one it is sent under is wrong."""
+    scene = make(SPEC)
+    tracker, _ = track(scene)
+    now_s = tracker.newest_s + after_s
+    for e in tracker.predicted(now_s):
+        assert abs(e.t_unix_ns - T0_UNIX_NS - now_s * 1e9) < 1000
+        (last,) = (own for own in tracker.estimates(tracker.newest_s) if own.track == e.track)
+        # Within the 0.1 s at most between the two, an acceleration of 4 m/s^2 moves it by 2 cm off its tangent.
+        np.testing.assert_allclose(e.position_enu, at(last, e.t_unix_ns), atol=0.02)
+        assert np.trace(e.covariance) >= np.trace(last.covariance)
+
+
 def test_rays_later_than_the_horizon_move_nothing() -> None:
     scene = make(SPEC)
     tracker, _ = track(scene)
