@@ -28,7 +28,7 @@ PLATFORMS: Final = {
 }
 SOURCES: Final = ("edge", "calib", "pyproject.toml", "README.md", "LICENSE")
 CARRIED: Final = ("deploy", "systemd", "README.md", "LICENSE", "CHANGELOG.md")
-LEFT_OUT: Final = shutil.ignore_patterns("__pycache__", "scenes", "*.pyc")
+LEFT_OUT: Final = shutil.ignore_patterns("__pycache__", "*.pyc")
 
 
 def build_wheel(folder: Path) -> Path:

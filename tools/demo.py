@@ -23,7 +23,7 @@ import msgspec
 
 from calib.simulation.description import Simulation
 from calib.simulation.simulation import Watched, watch
-from calib.station.archive.scene_file import load
+from calib.station.archive.scene_file import load, located
 from edge.common.errors import SkyfixError
 from tools.demonstration import picture, site
 from tools.demonstration.listener import Listener
@@ -33,7 +33,7 @@ from tools.demonstration.score import PASS_M, Score, errors_m, followed_m, score
 from tools.demonstration.screen import Screen, View
 from tools.render import render
 
-SCENE: Final = Path(__file__).resolve().parent.parent / "deploy" / "scenes" / "demo.toml"
+SCENE: Final = located("demo")
 OUTPUT: Final = Path("out") / "demo"
 MARKER: Final = ".skyfix-demo"  # in a folder that may be emptied
 SETTLE_S: Final = 12.0  # from starting the programs to the first frame: models load, sessions open, RTK averages

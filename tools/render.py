@@ -13,7 +13,7 @@ import cv2
 
 from calib.simulation.description import Simulation
 from calib.simulation.simulation import watch
-from calib.station.archive.scene_file import load
+from calib.station.archive.scene_file import load, located, shipped
 from edge.common.errors import SkyfixError
 from tools.rendering.footage import Frame, footage
 
@@ -80,9 +80,7 @@ def _end_quietly() -> None:
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tools.render", description=__doc__)
-    parser.add_argument(
-        "scene", type=Path, help="the scene's TOML file (calib/simulation/description.py lists every key)"
-    )
+    parser.add_argument("scene", help=f"the scene's TOML file, or one that comes with it: {', '.join(shipped())}")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="where videos and labels go")
     return parser.parse_args(argv)
 
@@ -91,7 +89,7 @@ def main(argv: list[str] | None = None) -> int:
     """Read the scene, render it."""
     arguments = _arguments(argv)
     try:
-        scene = load(arguments.scene)
+        scene = load(located(arguments.scene))
         print(f"{scene.name}, seed {scene.seed}: {len(scene.camera)} cameras")
         render(scene, arguments.output, lambda path: print(f"written {path}", flush=True))
     except SkyfixError as error:

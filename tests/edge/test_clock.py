@@ -153,7 +153,7 @@ def reference() -> Iterator[int]:
     shm_clock.remove(segment)
 
 
-@pytest.mark.skipif(shutil.which("chronyd") is None, reason="chronyd is not installed (Debian package chrony)")
+@pytest.mark.program("chronyd")
 def test_a_real_chronyd_that_follows_a_reference(reference: int, tmp_path: Path, until: Until) -> None:
     port = 20_000 + os.getpid() % 10_000
     configuration = tmp_path / "chrony.conf"

@@ -23,9 +23,8 @@ STARTS_WITHIN_S = 60.0  # the base's imports alone take seconds on a busy machin
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo's flight as a track folder."""
     folder = tmp_path_factory.mktemp("flight") / "demo"
-    scene = ROOT / "deploy" / "scenes" / "demo.toml"
     subprocess.run(
-        [sys.executable, "-m", "calib.station.app", "simulate", str(scene), "-o", str(folder)], check=True, cwd=ROOT
+        [sys.executable, "-m", "calib.station.app", "simulate", "demo", "-o", str(folder)], check=True, cwd=ROOT
     )
     return folder
 

@@ -6,9 +6,12 @@ The long versions, with the figures that are asked, are `python -m tools.bench.f
 import itertools
 
 import numpy as np
+import pytest
 
 from tests.field.conftest import BadDay
 from tools.doubles.heard import latency_s, live_again_after
+
+pytestmark = pytest.mark.program("ip")
 
 
 def test_nothing_measured_is_lost(bad_day: BadDay) -> None:

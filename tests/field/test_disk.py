@@ -16,6 +16,7 @@ from tests.field import boxes
 from tools.doubles.base import Base
 from tools.doubles.disks import filler_of, on_full_disk, on_read_only_disk, possible
 
+pytestmark = pytest.mark.program("unshare")
 WITHIN_S = 40.0  # on a busy machine; seconds elsewhere
 
 

@@ -14,6 +14,7 @@ from tools.doubles.site import Site
 WITH_CERTIFICATES = [one for one in IMPOSTORS if "own" in one.name or "camera" in one.name]  # the rest: the bench
 
 
+@pytest.mark.program("ip")
 def test_no_impostor_is_believed_and_each_is_counted(flight: Path, tmp_path: Path) -> None:
     if reason := possible():
         pytest.skip(reason)

@@ -8,6 +8,7 @@ import shutil
 from contextlib import ExitStack
 from pathlib import Path
 
+from tests.foreign import required
 from tools.bench.mavlink_forgery import attacks, trial
 from tools.bench.mavlink_peers import KINDS, Hour
 from tools.doubles.peers import Peers, dissected, has_wireshark
@@ -44,7 +45,7 @@ def test_who_starts_an_hour_after_the_base_takes_what_it_signs(tmp_path: Path) -
                 assert taken["stranger"][kind] == 0, "MAVProxy with another key"
             assert taken["MAVProxy"]["others"] == 0 < stock, "a sender that does not refresh its time"
         datagrams = list(hour.tap.datagrams)
-    if has_wireshark():
+    if has_wireshark() or required():
         shown = dissected(datagrams, tmp_path)
         assert shown["45000"] >= 20
         assert sum(shown.values()) == len(datagrams), "Wireshark reads every frame"

@@ -229,13 +229,7 @@ def main() -> int:
     hosts = ("base", "router") if options.router or options.fault == "kills" else ("base",)
     with tempfile.TemporaryDirectory() as temporary, Air(*hosts, *CAMERAS) as air:
         flight = Path(temporary) / "flight"
-        command = [
-            sys.executable,
-            "-m",
-            "calib.station.app",
-            "simulate",
-            str(ROOT / "deploy" / "scenes" / "demo.toml"),
-        ]
+        command = [sys.executable, "-m", "calib.station.app", "simulate", "demo"]
         subprocess.run([*command, "-o", str(flight)], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
         site = Site(air, Path(temporary), flight, secure=not options.plain)
         try:

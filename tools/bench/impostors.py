@@ -165,13 +165,7 @@ def main() -> int:
         return 1
     with tempfile.TemporaryDirectory() as temporary, Air("base", "evil", *CAMERAS) as air:
         flight = Path(temporary) / "flight"
-        command = [
-            sys.executable,
-            "-m",
-            "calib.station.app",
-            "simulate",
-            str(ROOT / "deploy" / "scenes" / "demo.toml"),
-        ]
+        command = [sys.executable, "-m", "calib.station.app", "simulate", "demo"]
         subprocess.run([*command, "-o", str(flight)], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
         site = Site(air, Path(temporary), flight, secure=True)
         print("{:34} {:>6} {:>9} {:>12} {:>8}".format("impostor", "said", "admitted", "disbelieved", "refused"))

@@ -8,7 +8,6 @@ as quick as without it. On a machine that does other things as well, compare the
 import argparse
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from typing import Final
 
 from calib.station.archive.state_store import StateStore
 from tools.doubles.box_messages import SITE
+from tools.doubles.browser import browser
 from tools.doubles.feed import boxes
 from tools.doubles.flight import ORIGIN, Spec, make
 
@@ -118,26 +118,18 @@ def main() -> int:
     parser.add_argument("--uavs", type=int, default=10)
     parser.add_argument("--rate", type=float, default=10.0, help="frames a second (default: 10)")
     options = parser.parse_args()
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        print("needs chromium (apt-get install chromium)")
-        return 1
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415 -- of the tests' extra, and only here
-
     length_s = 2 * (options.seconds + SETTLED_S) + STARTED_S
     spec = Spec(cameras=options.cameras, uavs=options.uavs, rate_hz=options.rate, duration_s=length_s)
     print(f"seed {spec.seed}: {spec.cameras} cameras, {spec.uavs} objects, {spec.rate_hz:g} Hz")
     with (
         tempfile.TemporaryDirectory() as folder,
         running(Path(folder), spec) as station,
-        sync_playwright() as playwright,
+        browser() as looking,
     ):
         halves = {"nobody looks": measure(station, options.seconds)}
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         for path in LOOKS:
-            browser.new_page().goto(f"http://127.0.0.1:{PORT}{path}", timeout=STARTED_S * 1000)
+            looking.new_page().goto(f"http://127.0.0.1:{PORT}{path}", timeout=STARTED_S * 1000)
         halves["two browsers"] = measure(station, options.seconds)
-        browser.close()
     for name, half in halves.items():
         print(
             f"{name}: station {half.station:.1%} of a core, page {half.page:.1%}, {half.targets} targets, "

@@ -4,22 +4,22 @@ import argparse
 from pathlib import Path
 
 from calib.simulation.simulation import simulate
-from calib.station.archive.scene_file import load
+from calib.station.archive.scene_file import load, located, shipped
 from calib.station.archive.simulated_folder import write_folder
 from edge.common.errors import SkyfixError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `base-station simulate`."""
-    parser.epilog = "calib/simulation/description.py lists every key of a scene; deploy/scenes holds examples."
-    parser.add_argument("scene", type=Path, help="the scene's TOML file")
+    parser.epilog = "calib/simulation/description.py lists every key of a scene."
+    parser.add_argument("scene", help=f"the scene's TOML file, or one that comes with it: {', '.join(shipped())}")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="track folder to write")
     parser.add_argument("--trial", type=int, default=0, metavar="N", help="draw the errors of another trial")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the scene, simulate it, write it. Raises ConfigError for the scene, SkyfixError for the folder."""
-    scene = load(arguments.scene)
+    scene = load(located(arguments.scene))
     simulated = simulate(scene, arguments.trial)
     try:
         write_folder(simulated, arguments.output, scene.truth_rate_hz)

@@ -11,10 +11,10 @@ from calib.network import from_toml
 from calib.simulation.description import Bump, CameraSpec, ClockStep, LensFault, ObjectSpec, Simulation
 from calib.simulation.simulation import Simulated, disturb, simulate, watch
 from calib.station.app import main
-from calib.station.archive.scene_file import load
+from calib.station.archive.scene_file import load, located
 from calib.station.archive.simulated_folder import write_folder
 
-STUDY = Path("deploy/scenes/study.toml")
+STUDY = located("study")
 CIRCLE = [(60.0 * np.cos(a), 60.0 * np.sin(a), 40.0 + 5 * np.sin(3 * a)) for a in np.linspace(0, 6, 25)]
 
 

@@ -3,7 +3,6 @@
 import datetime as dt
 import json
 import os
-import shutil
 import socket
 import subprocess
 import threading
@@ -25,13 +24,6 @@ from tools.doubles.receiver import Place, gga, rmc, rtk_error
 RECORDINGS = DATA / "nmea"
 PLACE = Place()
 PATIENCE_S = 15.0  # limit of every wait: other people's programs start slowly on a busy machine
-
-
-def needs(program: str, package: str) -> pytest.MarkDecorator:
-    """Skip where a program is not installed."""
-    return pytest.mark.skipif(
-        shutil.which(program) is None, reason=f"{program} is not installed (Debian package {package})"
-    )
 
 
 def decoded_by_gpsd(stream: bytes) -> dict[str, Position]:
@@ -63,14 +55,14 @@ def assert_same(stream: bytes, least: int) -> None:
     assert worst < 5e-4
 
 
-@needs("gpsdecode", "gpsd-clients")
+@pytest.mark.program("gpsdecode")
 def test_gpsd_reads_our_simulator_as_we_do() -> None:
     times = [dt.datetime(2026, 6, 1, 12, 0, i, tzinfo=dt.UTC) for i in range(60)]
     error = rtk_error(np.arange(60.0), np.random.default_rng(1))
     assert_same(b"".join(gga(t, PLACE, e) + rmc(t) for t, e in zip(times, error, strict=True)), least=55)
 
 
-@needs("gpsdecode", "gpsd-clients")
+@pytest.mark.program("gpsdecode")
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason=f"the recordings are not at {RECORDINGS}")
 @pytest.mark.parametrize("name", ["x5_static_1m_baseline_rtklib.nmea", "f9p_static_q4_2hz.nmea"])
 def test_gpsd_reads_recordings_as_we_do(name: str) -> None:
@@ -117,7 +109,7 @@ class Sentences:
                 continue
 
 
-@needs("socat", "socat")
+@pytest.mark.program("socat")
 def test_a_cable_of_socat_is_pulled_and_put_back(
     tmp_path: Path, receivers: Callable[[str], Receiver], until: Until
 ) -> None:
@@ -138,7 +130,7 @@ def test_a_cable_of_socat_is_pulled_and_put_back(
         assert receiver.fix() is None
 
 
-@needs("str2str", "rtklib")
+@pytest.mark.program("str2str")
 def test_a_stream_through_str2str(receivers: Callable[[str], Receiver], until: Until) -> None:
     with socket.create_server(("127.0.0.1", 0)) as source, socket.create_server(("127.0.0.1", 0)) as probe:
         out = probe.getsockname()[1]

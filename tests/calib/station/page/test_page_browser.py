@@ -5,7 +5,6 @@ Screenshots are left in out/screenshots, to be looked at.
 
 import re
 import secrets
-import shutil
 import socket
 import subprocess
 import sys
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright import sync_api
 
 from calib.station.archive.state_store import StateStore
 from calib.station.page.process import available
@@ -27,23 +27,23 @@ from edge.link.settings import LinkSettings
 from edge.messages import camera_key, camera_of_key
 from tests.places import ROOT
 from tools.doubles.box_messages import SITE, Sent, messages
+from tools.doubles.browser import browser
 from tools.doubles.feed import feed
 from tools.doubles.flight import ORIGIN, Spec, make
 
 SCREENSHOTS = ROOT / "out" / "screenshots"
 SPEC = Spec(cameras=4, uavs=2, rate_hz=10.0, duration_s=240.0)
-CHROMIUM = shutil.which("chromium")
 TOKEN = secrets.token_hex(16)
 STARTED_MS = 60_000  # the page's process imports for seconds where many share two cores
 SOON_MS = 20_000
 WITHIN_S = 3.0  # a silent camera: two seconds until it counts as gone, and one to say so
+STOPPED_S = 30.0  # 1 s on a quiet machine; here only a hang may fail
 SLACK_S = 2.0  # a machine that is shared is late by so much
 
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (apt-get install chromium)"),
+    pytest.mark.program("chromium"),
     pytest.mark.skipif(not available(), reason="the extra `page` is not installed"),
 ]
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 
 @dataclass
@@ -113,15 +113,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         boxes.stop.set()
         thread.join()
     station.terminate()
-    assert station.wait(5.0) == 0, (folder / "log.txt").read_text()
+    assert station.wait(STOPPED_S) == 0, (folder / "log.txt").read_text()
 
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
+    with browser() as opened:
+        yield opened
 
 
 @dataclass
@@ -170,7 +168,10 @@ def test_a_target_moves_on_the_map(open_page: Any) -> None:
     page.wait_for_selector("#targets tr[data-target]", timeout=STARTED_MS)
     before, picture = where(page), page.locator("#map").screenshot()
     page.wait_for_function(
-        "text => document.querySelector('#targets tbody tr').innerText !== text", arg=before, timeout=SOON_MS
+        # Between two pictures the table may be empty for a moment.
+        "text => { const row = document.querySelector('#targets tbody tr'); return row && row.innerText !== text; }",
+        arg=before,
+        timeout=SOON_MS,
     )
     page.wait_for_timeout(500)
     assert page.locator("#map").screenshot() != picture
@@ -236,7 +237,8 @@ def test_a_reload_keeps_what_was_shown(open_page: Any) -> None:
 
 
 def test_recording_stops_starts_and_is_scrubbed(open_page: Any, site: Site) -> None:
-    page = open_page("/recordings")
+    live, page = open_page("/"), open_page("/recordings")
+    live.wait_for_selector("#targets tr[data-target]", timeout=SOON_MS)
     page.get_by_text("Recording to").wait_for(timeout=SOON_MS)
     page.get_by_role("button", name="Stop recording").click()
     page.get_by_text("Not recording").wait_for(timeout=SOON_MS)
@@ -245,9 +247,7 @@ def test_recording_stops_starts_and_is_scrubbed(open_page: Any, site: Site) -> N
     oldest = min((site.folder / "recordings").glob("*.mcap"), key=lambda file: file.name)
     page.get_by_role("link", name=oldest.name).click()
     page.wait_for_function("() => Number(document.querySelector('#scrub')?.max) > 0", timeout=SOON_MS)
-    slider = page.locator("#scrub")
-    slider.evaluate("e => { e.value = e.max - 0.5; e.dispatchEvent(new Event('input')); }")
-    page.wait_for_selector("#targets tr[data-target]", timeout=SOON_MS)
+    assert any(_shows_a_target(page, back_s) for back_s in (0.5, 1.0, 2.0, 4.0)), "a busy station may miss a moment"
     keep(page, "recording")
 
 
@@ -272,6 +272,17 @@ def test_the_keyboard_is_enough(open_page: Any) -> None:
     page.wait_for_url("**/setup")
 
 
+def _shows_a_target(page: Any, back_s: float) -> bool:
+    """Whether a target stands on the map when the recording is looked at so long before its end."""
+    go = "(e, back) => { e.value = e.max - back; e.dispatchEvent(new Event('input')); }"
+    page.locator("#scrub").evaluate(go, back_s)
+    try:
+        page.wait_for_selector("#targets tr[data-target]", timeout=SOON_MS / 4)
+    except sync_api.TimeoutError:
+        return False
+    return True
+
+
 @pytest.mark.parametrize(("width", "height"), [(320, 640), (3840, 2160)])
 @pytest.mark.parametrize("path", ["/", "/setup", "/cameras"])
 def test_small_and_large_screens(open_page: Any, path: str, width: int, height: int) -> None:
@@ -291,7 +302,7 @@ def guarded(tmp_path: Path) -> Iterator[str]:
     station = _start(tmp_path)
     yield f"http://127.0.0.1:{port}"
     station.terminate()
-    station.wait(5.0)
+    station.wait(STOPPED_S)
 
 
 def ask(url: str, **headers: str) -> tuple[int, bytes]:

@@ -1,7 +1,6 @@
 """The report: complete, the same twice, and readable by a browser that runs no script and asks nobody."""
 
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -19,20 +18,19 @@ from calib.simulation.simulation import simulate
 from calib.solving.prediction import directions, predict
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
-from calib.station.archive.scene_file import load
+from calib.station.archive.scene_file import load, located
 from calib.station.report import HTML, JSON, Summary, summarise, write_report
 from calib.station.report.grade import GRADES, SIGMA_M, grade_of
 from edge.common.arrays import Array
 from edge.lens import LensModel
 from tests.places import ROOT
-
-CHROMIUM = shutil.which("chromium")
+from tools.doubles.browser import browser
 
 
 @pytest.fixture(scope="module")
 def solution() -> Solution:
     """The study scene, solved."""
-    return solve(simulate(load(ROOT / "deploy" / "scenes" / "study.toml")).scene, SolveOptions(evidence=True))
+    return solve(simulate(load(located("study"))).scene, SolveOptions(evidence=True))
 
 
 @pytest.fixture(scope="module")
@@ -123,13 +121,11 @@ def test_grades_fall_at_their_bounds() -> None:
     assert [grade_of(value, SIGMA_M) for value in (0.5, 0.51, 2.0, 5.0, 5.01)] == ["A", "B", "C", "D", "E"]
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (apt-get install chromium)")
+@pytest.mark.program("chromium")
 def test_it_opens_with_scripts_disabled(folder: Path, tmp_path: Path) -> None:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     asked: list[str] = []
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_context(java_script_enabled=False, viewport={"width": 1200, "height": 900}).new_page()
+    with browser() as opened:
+        page = opened.new_context(java_script_enabled=False, viewport={"width": 1200, "height": 900}).new_page()
         page.on("request", lambda request: None if request.url.startswith("data:") else asked.append(request.url))
         page.goto((folder / HTML).as_uri())
         assert "Calibration of study" in page.title()
@@ -137,7 +133,6 @@ def test_it_opens_with_scripts_disabled(folder: Path, tmp_path: Path) -> None:
         shots = ROOT / "out" / "screenshots"
         shots.mkdir(parents=True, exist_ok=True)
         page.screenshot(path=str(shots / "report.png"), full_page=True)
-        browser.close()
     assert asked == [(folder / HTML).as_uri()]
 
 

@@ -1,0 +1,41 @@
+"""Other people's programs that tests ask: which Debian package each is in, and what a test without one does.
+
+The hazard is the test that nobody runs: a machine without a browser passes every test of the page by skipping it. So
+`make test` skips with the package's name, for a person who wants no browser; and where SKYFIX_REQUIRE_PROGRAMS is set,
+as `.ci/run` sets it, the same test fails. Standard library only: `.ci/run` asks this file for the list of packages
+before anything is installed.
+"""
+
+import os
+import shutil
+from typing import Final
+
+PACKAGES: Final = {
+    "chromedriver": "chromium-driver",
+    "chromium": "chromium",
+    "chronyd": "chrony",
+    "ffmpeg": "ffmpeg",
+    "gpsdecode": "gpsd-clients",
+    "ip": "iproute2",
+    "socat": "socat",
+    "str2str": "rtklib",
+    "systemd-analyze": "systemd",
+    "tshark": "tshark",
+    "unshare": "util-linux",
+}
+REQUIRED: Final = "SKYFIX_REQUIRE_PROGRAMS"  # environment variable: a missing program is a failure, not a skip
+
+
+def missing(program: str) -> str:
+    """Why a test that asks this program cannot run here; empty if it can. KeyError: it is not listed."""
+    package = PACKAGES[program]
+    return "" if shutil.which(program) else f"{program} is not installed (Debian package {package})"
+
+
+def required() -> bool:
+    """Whether a missing program fails the test."""
+    return bool(os.environ.get(REQUIRED))
+
+
+if __name__ == "__main__":
+    print(*sorted(set(PACKAGES.values())))  # noqa: T201 -- .ci/run reads it
