@@ -37,6 +37,12 @@ def ecef_to_enu(ecef: Array, origin: Origin) -> Array:
     return np.column_stack(pymap3d.ecef2enu(x, y, z, *origin))
 
 
+def ecef_to_geodetic(ecef: Array) -> Array:
+    """(N, 3) latitude deg, longitude deg, ellipsoidal height m of (N, 3) ECEF metres."""
+    x, y, z = np.asarray(ecef, float).reshape(-1, 3).T
+    return np.column_stack(pymap3d.ecef2geodetic(x, y, z))
+
+
 def R_ecef_enu(origin: Origin) -> Array:
     """(3, 3) rotation that takes ENU vectors at `origin` to ECEF: for velocities and covariances."""
     lat, lon = np.radians(origin[:2])

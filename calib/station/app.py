@@ -25,18 +25,22 @@ COMMANDS: Final = {
     "replay": "play a track folder or a recording to a running station",
     "simulate": "make up a flight, with every error you like",
     "score": "score a trajectory against a truth",
+    "export": "write the flown tracks for maps and tables: KML, GPX, GeoJSON, CSV",
     "certs": "make the certificates of a site's machines",
     "router": "route a site's messages",
 }
+EXTRAS: Final = {"certs": "certs"}  # which extra brings a subcommand's libraries, where it is not `base`
+OURS: Final = ("calib", "edge")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     chosen = next((word for word in given if word in COMMANDS), "")
-    parsed = build_parser(chosen).parse_args(given)
-    logging.basicConfig(level=logging.DEBUG if parsed.verbose else logging.INFO, format=LOG_FORMAT, stream=sys.stderr)
     try:
+        parsed = build_parser(chosen).parse_args(given)
+        level = logging.DEBUG if parsed.verbose else logging.INFO
+        logging.basicConfig(level=level, format=LOG_FORMAT, stream=sys.stderr)
         return int(_module(parsed.command).run(parsed))
     except ConfigError as error:
         print(f"base-station: {error}", file=sys.stderr)
@@ -66,7 +70,17 @@ def build_parser(*chosen: str) -> argparse.ArgumentParser:
 
 
 def _module(command: str) -> Any:
-    return importlib.import_module(f"calib.station.commands.{command}")
+    """A subcommand's module. Raises SkyfixError where its libraries are not installed, as those of a base on a box."""
+    try:
+        return importlib.import_module(f"calib.station.commands.{command}")
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] in OURS:
+            raise
+        raise SkyfixError(
+            f"{error.name} is not installed",
+            where=f"base-station {command}",
+            action=f"pip install 'skyfix[{EXTRAS.get(command, 'base')}]'",
+        ) from error
 
 
 if __name__ == "__main__":

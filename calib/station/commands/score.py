@@ -1,7 +1,6 @@
 """`base-station score`: a trajectory.csv against a truth.csv, under an alignment that is named."""
 
 import argparse
-import csv
 import dataclasses
 import json
 from pathlib import Path as FilePath
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from calib.scoring.alignment import ALIGNMENTS
 from calib.scoring.timing import TIMINGS, Path
 from calib.scoring.trajectory import MAX_GAP_S, Evaluation, evaluate
+from calib.station.archive.tables import numbers, read_table, whole_numbers
 from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
 
@@ -19,23 +19,10 @@ from edge.common.errors import SkyfixError
 SHARED_ROWS = 0.1
 
 
-def read_table(path: FilePath, columns: tuple[str, ...]) -> dict[str, list[str]]:
-    """Named columns of a CSV with a header and `#` comments. Raises SkyfixError naming what is missing."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    except (OSError, UnicodeDecodeError) as error:
-        raise SkyfixError(f"cannot be read ({error})", where=str(path), action="check the path") from error
-    missing = [column for column in columns if not rows or rows[0].get(column) is None]
-    if missing:
-        raise SkyfixError(f"no column {missing[0]}", where=str(path), action=f"give a header with {','.join(columns)}")
-    return {column: [row[column] for row in rows] for column in columns}
-
-
 def read_truth(path: FilePath) -> Path:
     """A truth.csv: t_s, east_m, north_m, up_m."""
     table = read_table(path, ("t_s", "east_m", "north_m", "up_m"))
-    return _path(_numbers(path, table["t_s"]), _positions(path, table))
+    return _path(numbers(path, table["t_s"]), _positions(path, table))
 
 
 def read_trajectory(path: FilePath, track: int | None = None) -> tuple[Path, tuple[int, ...]]:
@@ -44,12 +31,12 @@ def read_trajectory(path: FilePath, track: int | None = None) -> tuple[Path, tup
     track: one track alone; None takes the longest, and every other that hardly overlaps those already taken.
     """
     table = read_table(path, ("t_unix_ns", "track", "east_m", "north_m", "up_m"))
-    numbers = _numbers(path, table["track"]).astype(np.int64)
-    stamps = np.array([int(value) for value in table["t_unix_ns"]], np.int64)
-    taken = (track,) if track is not None else _one_object(stamps, numbers)
-    rows = np.isin(numbers, taken)
+    tracks = whole_numbers(path, table["track"])
+    stamps = whole_numbers(path, table["t_unix_ns"])
+    taken = (track,) if track is not None else _one_object(stamps, tracks)
+    rows = np.isin(tracks, taken)
     if not rows.any():
-        raise SkyfixError(f"no rows of track {track}", where=str(path), action=f"it has {sorted(set(numbers))}")
+        raise SkyfixError(f"no rows of track {track}", where=str(path), action=f"it has {sorted(set(tracks))}")
     return _path(np.asarray(stamps[rows] * 1e-9, float), _positions(path, table)[rows]), taken
 
 
@@ -73,17 +60,7 @@ def _path(t_s: Array, enu: Array) -> Path:
 
 
 def _positions(path: FilePath, table: dict[str, list[str]]) -> Array:
-    return np.column_stack([_numbers(path, table[axis]) for axis in ("east_m", "north_m", "up_m")])
-
-
-def _numbers(path: FilePath, values: list[str]) -> Array:
-    try:
-        numbers = np.array(values, float)
-    except ValueError as error:
-        raise SkyfixError(f"not a number ({error})", where=str(path), action="correct that row") from error
-    if not np.all(np.isfinite(numbers)):
-        raise SkyfixError("a number is not finite", where=str(path), action="remove that row")
-    return numbers
+    return np.column_stack([numbers(path, table[axis]) for axis in ("east_m", "north_m", "up_m")])
 
 
 def table(result: Evaluation) -> str:
