@@ -18,7 +18,7 @@ from edge.capture.reader import Reader
 from edge.common.errors import SkyfixError
 from edge.common.health import SEVERITY, Check
 from edge.config import BoxConfig, CameraConfig, load_lens
-from edge.detector import open_detector
+from edge.detector.opening import open_detector
 from edge.gate import TrackRow
 from edge.messages import Tracks
 from edge.pipeline import CameraFacts, Pipeline, SideBySide

@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from edge.common.errors import ConfigError, LensError
 from edge.common.settings import build, load
+from edge.detector.formats import AUTO, FormatName, check_format
 from edge.gnss.decoders import ProtocolName, check_protocols
 from edge.lens import LensModel, LensName, check_lens_name
 from edge.link.settings import BOX_LINK, LinkSettings
@@ -93,9 +94,9 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
         Meta(description="auto: full_frame for pictures below 640 x 480 and for others' models, else two_stage"),
     ] = "auto"
     format: Annotated[
-        Literal["auto", "skyfix", "yolov8", "end_to_end", "yolox", "detr", "labels_boxes_scores"],
+        FormatName,
         Meta(description="only where the model's own shapes do not say it"),
-    ] = "auto"
+    ] = AUTO
     class_names: Annotated[
         tuple[str, ...], Meta(description="in the model's order, where the model does not carry them")
     ] = ()
@@ -110,6 +111,9 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
     workers: Annotated[int, Meta(ge=1, le=16, description="full_frame: frames worked on side by side")] = 2
     max_crops: Annotated[int, Meta(ge=1, le=64, description="two_stage: crops a frame")] = 8
     scan_period_s: Annotated[SecondsOrNone, Meta(description="two_stage: between full scans; 0 for none")] = 1.0
+
+    def __post_init__(self) -> None:
+        check_format("format", self.format)
 
 
 class GateConfig(Section, frozen=True, kw_only=True):

@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 
 from edge.capture.frame import OF_THIS_BOX, Picture
+from edge.common.arrays import Array
 from edge.common.errors import ConfigError
 from edge.config import GateConfig
-from edge.detector import Array, Detections, Detector
+from edge.detector.detections import Detections, Detector
 from edge.gate import Gate, TrackRow, make_gate
 from edge.lens import LensModel, pixel_to_ray
 from edge.messages import Detection, Tracks
@@ -56,7 +57,7 @@ class Pipeline:
         self.latest: tuple[Picture, list[TrackRow]] | None = None
 
     def _new_gate(self, first_track: int) -> Gate:
-        return make_gate(self._facts.gate, self._facts.lens.size_px, self._detector.score_usual, first_track)
+        return make_gate(self._facts.gate, self._facts.lens.size_px, self._detector.track_score, first_track)
 
     def step(self, frame: Picture) -> list[Tracks]:
         """The messages that one more frame decides. Raises ConfigError if the lens is of another resolution."""

@@ -18,7 +18,7 @@ from edge.clock import ClockMonitor, check_clock
 from edge.common.errors import ConfigError, SkyfixError
 from edge.common.health import Check, HealthLevel
 from edge.config import BoxConfig, CameraConfig, load_lens
-from edge.detector import open_detector
+from edge.detector.opening import open_detector
 from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.receiver import Receiver, check_antenna
 from edge.link.health import check_security

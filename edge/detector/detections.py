@@ -62,7 +62,7 @@ class Detector(Protocol):
     """Whether it wants BGR frames rather than grey ones."""
     remembers: bool
     """Whether a frame's result depends on the frames before it, so that frames must be given one by one."""
-    score_usual: float
+    track_score: float
     """Mean score that a track of a real object keeps up and one of clutter does not."""
 
     def detect(self, frame: Picture, expected_px: Array) -> Detections:

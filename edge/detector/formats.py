@@ -1,31 +1,36 @@
-"""What the numbers that come out of a detection model mean: six families, told apart by shape, or refused.
+"""What the numbers that come out of a detection model mean: one record a format, told apart by shape, or refused.
 
 The hazard is the plausible reading. `[1, 8400, 6]` may be finished boxes or a one-class grid; read the wrong way it
 still yields boxes, only wrong ones. So a format is recognised where shapes, names or the author's notes leave one
 reading, and refused with a request to name it where they leave several.
 
-Each decoder takes the outputs of one image and gives corner-origin input pixels; rows below `score_min` are left out
-before anything costly is done with them.
+A new format is one ModelFormat in MODEL_FORMATS. Each decodes the outputs of one image to corner-origin input pixels;
+rows below `score_min` are left out before anything costly is done with them.
 """
 
 import ast
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edge.common.arrays import Array
 from edge.common.errors import ModelError
-from edge.detector.session import Model
+from edge.common.plugs import check_name, name_among
 
-Format = Literal["skyfix", "yolov8", "end_to_end", "yolox", "detr", "labels_boxes_scores"]
+if TYPE_CHECKING:
+    from edge.detector.session import Model  # ONNX Runtime's: whoever only wants the formats' names does without it
+
 Outputs = Sequence[NDArray[Any]]
+SizePx = tuple[int, int]
 
+AUTO: Final = "auto"  # in a configuration: the format is recognised
+STACK_FORMAT: Final = "skyfix"  # the shipped kind of model, skyfix.py's; and the note that such a model carries
 YOLOX_STRIDES: Final = (8, 16, 32)
-SKYFIX_NOTE: Final = "skyfix"  # the note that our own models carry
-CHOICE: Final = 'set detector.format to "yolov8", "end_to_end", "yolox", "detr" or "labels_boxes_scores"'
+IMAGENET_MEAN: Final = (0.485, 0.456, 0.406)  # RGB, what DETR backbones were trained with
+IMAGENET_STD: Final = (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
@@ -38,44 +43,89 @@ class Candidates:
     classes: Array
 
 
-def recognise(model: Model, input_px: tuple[int, int]) -> Format:
+@dataclass(frozen=True)
+class ModelFormat:
+    """A family of detection models.
+
+    fits: whether a model with an input of so many pixels (width, height) can be of it. decode: outputs of one image,
+    input size and least score to Candidates. one_column_a_class: whether the outputs say how many classes there are.
+    suppressed: whether the model itself keeps one box an object. rgb: the order of its colours, else BGR.
+    input_max: what 255 becomes. standardised: whether ImageNet's mean and deviation are taken off.
+    """
+
+    name: str
+    fits: Callable[["Model", SizePx], bool]
+    decode: Callable[[Outputs, SizePx, float], Candidates]
+    one_column_a_class: bool = False
+    suppressed: bool = False
+    rgb: bool = True
+    input_max: float = 1.0
+    standardised: bool = False
+
+
+def recognise(model: "Model", input_px: SizePx) -> ModelFormat:
     """The one format that a model's outputs can be. input_px: width, height. Raises ModelError if there are several."""
-    if SKYFIX_NOTE in model.notes:
-        return "skyfix"
+    fitting = [kind for kind in MODEL_FORMATS.values() if kind.fits(model, input_px)]
+    if len(fitting) == 1:
+        return fitting[0]
     shapes = [port.shape for port in model.outputs]
-    if len(shapes) == 3 and sorted(map(len, shapes)) == [2, 2, 3]:
-        return "labels_boxes_scores"
-    if len(shapes) == 2 and all(len(shape) == 3 for shape in shapes) and any(shape[2] == 4 for shape in shapes):
-        return "detr"
-    if len(shapes) == 1 and len(shapes[0]) == 3:
-        return _one_output(model, shapes[0][1], shapes[0][2], input_px)
-    raise ModelError(f"has outputs of shapes {shapes}, no known format", where=model.path, action=CHOICE)
-
-
-def _one_output(model: Model, rows: int | None, columns: int | None, input_px: tuple[int, int]) -> Format:
-    """One output `[1, rows, columns]`: boxes lie along the longer side."""
-    grid = sum((input_px[0] // stride) * (input_px[1] // stride) for stride in YOLOX_STRIDES)
     known = class_names_in(model)
-    if rows is not None and rows >= 5 and (columns is None or columns > rows) and known in (None, rows - 4):
-        return "yolov8"
-    if columns is not None and rows == grid and known in ({columns - 5} if columns == 6 else {None, columns - 5}):
-        return "yolox"
-    if columns == 6 and rows is not None and rows > 6 and rows != grid:
-        return "end_to_end"
-    shape = f"[1, {rows or '?'}, {columns or '?'}]"
-    named = "" if known is None else f" with {known} class names"
-    raise ModelError(
-        f"has one output {shape}{named}, which can be read in several ways", where=model.path, action=CHOICE
-    )
+    named = "" if known is None else f" and {known} class names"
+    readings = f"can be read as {' or '.join(kind.name for kind in fitting)}" if fitting else "are no known format"
+    raise ModelError(f"has outputs of shapes {shapes}{named}, which {readings}", where=model.path, action=_choice())
 
 
-def class_names_in(model: Model) -> int | None:
+def _choice() -> str:
+    return f"set detector.format to one of {', '.join(MODEL_FORMATS)}"
+
+
+def _one_output(model: "Model") -> tuple[int | None, int | None] | None:
+    """Rows and columns of the one output `[1, rows, columns]`, None where free; None if that is not what it has."""
+    shapes = [port.shape for port in model.outputs]
+    return (shapes[0][1], shapes[0][2]) if len(shapes) == 1 and len(shapes[0]) == 3 else None
+
+
+def _fits_yolov8(model: "Model", input_px: SizePx) -> bool:
+    """Boxes lie along the longer side, which is the second."""
+    rows, columns = _one_output(model) or (None, None)
+    if rows is None or rows < 5 or (columns is not None and columns <= rows):
+        return False
+    return class_names_in(model) in (None, rows - 4)
+
+
+def _fits_yolox(model: "Model", input_px: SizePx) -> bool:
+    rows, columns = _one_output(model) or (None, None)
+    return columns is not None and rows == _cells(input_px) and class_names_in(model) in (None, columns - 5)
+
+
+def _fits_end_to_end(model: "Model", input_px: SizePx) -> bool:
+    rows, columns = _one_output(model) or (None, None)
+    if columns != 6 or rows is None or rows <= 6:
+        return False
+    return rows != _cells(input_px) or class_names_in(model) is None
+
+
+def _fits_detr(model: "Model", input_px: SizePx) -> bool:
+    shapes = [port.shape for port in model.outputs]
+    return len(shapes) == 2 and all(len(shape) == 3 for shape in shapes) and any(shape[2] == 4 for shape in shapes)
+
+
+def _fits_labels_boxes_scores(model: "Model", input_px: SizePx) -> bool:
+    return sorted(len(port.shape) for port in model.outputs) == [2, 2, 3]
+
+
+def _cells(input_px: SizePx) -> int:
+    """How many boxes a grid of YOLOX's strides has."""
+    return sum((input_px[0] // stride) * (input_px[1] // stride) for stride in YOLOX_STRIDES)
+
+
+def class_names_in(model: "Model") -> int | None:
     """How many class names the model carries; None if it carries none."""
     names = read_class_names(model)
     return len(names) if names else None
 
 
-def read_class_names(model: Model) -> tuple[str, ...]:
+def read_class_names(model: "Model") -> tuple[str, ...]:
     """The class names that the model's author wrote into it, as Ultralytics does; empty if there are none."""
     try:
         names = ast.literal_eval(model.notes.get("names", "()"))
@@ -85,7 +135,7 @@ def read_class_names(model: Model) -> tuple[str, ...]:
     return tuple(str(names[key]) for key in sorted(names)) if isinstance(names, dict) else tuple(map(str, names))
 
 
-def decode_yolov8(outputs: Outputs, input_px: tuple[int, int], score_min: float) -> Candidates:
+def decode_yolov8(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
     """`[1, 4 + nc, N]`: centre and size in input pixels, scores already between 0 and 1 (Ultralytics v8, 11)."""
     table = outputs[0][0]
     score = table[4:].max(axis=0)
@@ -93,14 +143,14 @@ def decode_yolov8(outputs: Outputs, input_px: tuple[int, int], score_min: float)
     return Candidates(table[:2].T, table[2:4].T, table[4:].max(axis=0, initial=0.0), table[4:].T)
 
 
-def decode_end_to_end(outputs: Outputs, input_px: tuple[int, int], score_min: float) -> Candidates:
+def decode_end_to_end(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
     """`[1, N, 6]`: two corners, score, class; already suppressed (YOLOv10 and Ultralytics' end-to-end heads)."""
     table = outputs[0][0].astype(np.float64)
     table = table[table[:, 4] >= score_min]
     return _from_corners(table[:, :4], table[:, 4], _whole(table[:, 5]))
 
 
-def decode_yolox(outputs: Outputs, input_px: tuple[int, int], score_min: float) -> Candidates:
+def decode_yolox(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
     """`[1, N, 5 + nc]`: offsets in cells, log sizes in strides, objectness, class scores (Ge et al. 2021)."""
     table = outputs[0][0]
     score = table[:, 4] * table[:, 5:].max(axis=1)
@@ -113,7 +163,7 @@ def decode_yolox(outputs: Outputs, input_px: tuple[int, int], score_min: float) 
     )
 
 
-def _yolox_grid(input_px: tuple[int, int]) -> tuple[Array, Array]:
+def _yolox_grid(input_px: SizePx) -> tuple[Array, Array]:
     cells, strides = [], []
     for stride in YOLOX_STRIDES:
         across, down = np.meshgrid(np.arange(input_px[0] // stride), np.arange(input_px[1] // stride))
@@ -122,7 +172,7 @@ def _yolox_grid(input_px: tuple[int, int]) -> tuple[Array, Array]:
     return np.concatenate(cells).astype(np.float64), np.concatenate(strides)
 
 
-def decode_detr(outputs: Outputs, input_px: tuple[int, int], score_min: float) -> Candidates:
+def decode_detr(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
     """Boxes `[1, N, 4]`, centre and size as shares of the input, and logits `[1, N, nc]` (RF-DETR)."""
     first_is_boxes = outputs[0].shape[2] == 4
     boxes, logits = (outputs[0], outputs[1]) if first_is_boxes else (outputs[1], outputs[0])
@@ -133,7 +183,7 @@ def decode_detr(outputs: Outputs, input_px: tuple[int, int], score_min: float) -
     return Candidates(boxes[:, :2], boxes[:, 2:], score[keep], classes[keep])
 
 
-def decode_labels_boxes_scores(outputs: Outputs, input_px: tuple[int, int], score_min: float) -> Candidates:
+def decode_labels_boxes_scores(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
     """Labels `[1, N]`, corners `[1, N, 4]` in input pixels, scores `[1, N]` (RT-DETR and D-FINE as deployed)."""
     boxes = next(value for value in outputs if value.ndim == 3)[0].astype(np.float64)
     flat = [value for value in outputs if value.ndim == 2]
@@ -156,12 +206,28 @@ def _from_corners(corners: Array, score: Array, label: NDArray[np.intp]) -> Cand
     return Candidates((low + high) / 2, high - low, score, classes)
 
 
-Decoder = Callable[[Outputs, tuple[int, int], float], Candidates]
-DECODERS: Final[dict[str, Decoder]] = {
-    "yolov8": decode_yolov8,
-    "end_to_end": decode_end_to_end,
-    "yolox": decode_yolox,
-    "detr": decode_detr,
-    "labels_boxes_scores": decode_labels_boxes_scores,
+MODEL_FORMATS: Final[dict[str, ModelFormat]] = {
+    kind.name: kind
+    for kind in (
+        ModelFormat("yolov8", _fits_yolov8, decode_yolov8, one_column_a_class=True),
+        ModelFormat("end_to_end", _fits_end_to_end, decode_end_to_end, suppressed=True),
+        # YOLOX alone was trained on BGR, and on 0 to 255.
+        ModelFormat("yolox", _fits_yolox, decode_yolox, one_column_a_class=True, rgb=False, input_max=255.0),
+        ModelFormat("detr", _fits_detr, decode_detr, one_column_a_class=True, suppressed=True, standardised=True),
+        ModelFormat("labels_boxes_scores", _fits_labels_boxes_scores, decode_labels_boxes_scores, suppressed=True),
+    )
 }
-SUPPRESSED_ALREADY: Final = frozenset({"end_to_end", "detr", "labels_boxes_scores"})
+
+
+def format_names() -> list[str]:
+    """What a configuration may call a model's format."""
+    return [AUTO, STACK_FORMAT, *MODEL_FORMATS]
+
+
+# The name of a format in a configuration. A struct that holds one asks check_format in its __post_init__.
+FormatName = Annotated[str, name_among(format_names())]
+
+
+def check_format(field: str, name: str) -> None:
+    """Raises ValueError for the name of no format."""
+    check_name(field, name, format_names())

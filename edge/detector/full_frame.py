@@ -16,15 +16,21 @@ from edge.common.arrays import Array
 from edge.common.errors import ModelError
 from edge.config import DetectorConfig
 from edge.detector.detections import Detections, nothing, together
-from edge.detector.formats import DECODERS, SUPPRESSED_ALREADY, Candidates, Format, read_class_names, recognise
+from edge.detector.formats import (
+    AUTO,
+    IMAGENET_MEAN,
+    IMAGENET_STD,
+    MODEL_FORMATS,
+    Candidates,
+    read_class_names,
+    recognise,
+)
 from edge.detector.letterbox import Letterbox
 from edge.detector.nms import suppress
 from edge.detector.session import DTYPES, Model
 
-IMAGENET_MEAN: Final = (0.485, 0.456, 0.406)  # RGB, what DETR backbones were trained with
-IMAGENET_STD: Final = (0.229, 0.224, 0.225)
 TILE_OVERLAP: Final = 0.2  # share of a tile: an object up to a fifth of it is whole in some tile
-SCORE_USUAL: Final = 0.3  # models differ: little more than detector.score_min, and gate.score_confirm for the rest
+TRACK_SCORE: Final = 0.3  # models differ: little more than detector.score_min, and gate.score_confirm for the rest
 TILE_IOU: Final = 0.2  # the same object seen in two tiles overlaps itself at least so much
 
 
@@ -82,11 +88,12 @@ class FullFrame:
         self._model = model
         self._config = config
         self._input = input_spec(model, config.input_size_px)
-        self._format: Format = recognise(model, self._input.size_px) if config.format == "auto" else config.format
+        told = config.format != AUTO
+        self._format = MODEL_FORMATS[config.format] if told else recognise(model, self._input.size_px)
         self._targets_input = next((port.name for port in model.inputs[1:]), None)
         self.colour = self._input.channels == 3
         self.remembers = False
-        self.score_usual = SCORE_USUAL
+        self.track_score = TRACK_SCORE
         self.class_names = config.class_names or read_class_names(model)
         self._frames = 0
         self._check_by_running()
@@ -96,7 +103,7 @@ class FullFrame:
         width, height = self._input.size_px
         found = self._candidates(np.full((height, width, 3)[: 3 if self.colour else 2], 114, np.uint8))
         classes = found.classes.shape[1]
-        if self._format in ("yolov8", "yolox", "detr") and self.class_names and len(self.class_names) != classes:
+        if self._format.one_column_a_class and self.class_names and len(self.class_names) != classes:
             raise ModelError(
                 f"has {classes} classes, but {len(self.class_names)} class names are given",
                 where=self._model.path,
@@ -119,7 +126,7 @@ class FullFrame:
     def _detect_in(self, image: Image, corner_px: tuple[int, int]) -> Detections:
         box = Letterbox((image.shape[1], image.shape[0]), self._input.size_px)
         found = self._candidates(box.apply(image))
-        if self._format not in SUPPRESSED_ALREADY:
+        if not self._format.suppressed:
             # Classes compete: one object in the sky called both drone and bird would become two targets.
             found = _pick(found, suppress(found.centre, found.size, found.score, self._config.nms_iou))
         if not len(found.score):
@@ -140,19 +147,19 @@ class FullFrame:
         if any(output.shape[0] != 1 for output in outputs):
             raise ModelError("answers one image with several", where=self._model.path, action=_EXPORT)
         try:
-            found = DECODERS[self._format](outputs, self._input.size_px, self._config.score_min)
+            found = self._format.decode(outputs, self._input.size_px, self._config.score_min)
         except (IndexError, ValueError, StopIteration) as error:
             shapes = [output.shape for output in outputs]
             raise ModelError(
-                f"outputs {shapes} are not {self._format}", where=self._model.path, action=_EXPORT
+                f"outputs {shapes} are not {self._format.name}", where=self._model.path, action=_EXPORT
             ) from error
         finite = np.isfinite(found.centre).all(axis=1) & np.isfinite(found.size).all(axis=1) & np.isfinite(found.score)
         return found if finite.all() else _pick(found, np.flatnonzero(finite))
 
     def _tensor(self, image: Image) -> NDArray[Any]:
         """The image as the model wants it, with a batch axis."""
-        rgb = self.colour and self._format != "yolox"  # YOLOX alone was trained on BGR, and on 0 to 255
-        scale = 1.0 if self._format == "yolox" or self._input.dtype == np.uint8 else 1 / 255
+        rgb = self.colour and self._format.rgb
+        scale = 1.0 if self._input.dtype == np.uint8 else self._format.input_max / 255
         if self._input.channels_first and self._input.dtype != np.uint8:
             values = cv2.dnn.blobFromImage(image, scale, swapRB=rgb).astype(self._input.dtype, copy=False)
         else:
@@ -160,7 +167,7 @@ class FullFrame:
             planes = planes.transpose(0, 3, 1, 2) if self._input.channels_first else planes
             values = np.ascontiguousarray(planes, dtype=self._input.dtype)
             values = values if scale == 1.0 else values * self._input.dtype(scale)
-        return self._standardise(values) if self._format == "detr" and self.colour else values
+        return self._standardise(values) if self._format.standardised and self.colour else values
 
     def _standardise(self, values: NDArray[Any]) -> NDArray[Any]:
         shape = (1, 3, 1, 1) if self._input.channels_first else (1, 1, 1, 3)

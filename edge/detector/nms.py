@@ -15,13 +15,10 @@ from edge.common.arrays import Array
 MAX_CANDIDATES: Final = 300  # the work grows with the square; real scenes hold tens
 
 
-def suppress(
-    centre_px: Array, size_px: Array, score: Array, iou_max: float, group: NDArray[np.intp] | None = None
-) -> NDArray[np.intp]:
-    """Indices to keep, best first: no two of one group overlap by more than iou_max (intersection over union).
+def suppress(centre_px: Array, size_px: Array, score: Array, iou_max: float) -> NDArray[np.intp]:
+    """Indices to keep, best first: no two overlap by more than iou_max (intersection over union).
 
-    centre_px, size_px: `(N, 2)`. score: `(N,)`. group: `(N,)` class of each, None if all compete.
-    Only the MAX_CANDIDATES best are looked at.
+    centre_px, size_px: `(N, 2)`. score: `(N,)`. Only the MAX_CANDIDATES best are looked at.
     """
     order = np.argsort(-score, kind="stable")[:MAX_CANDIDATES]
     low, high = (centre_px - size_px / 2)[order], (centre_px + size_px / 2)[order]
@@ -30,8 +27,6 @@ def suppress(
     shared = overlap[..., 0] * overlap[..., 1]
     union = area[:, None] + area - shared
     rivals = shared > iou_max * np.maximum(union, 1e-12)
-    if group is not None:
-        rivals &= group[order, None] == group[order]
     left = np.full(order.shape, True)
     for k in range(len(order)):
         if left[k]:

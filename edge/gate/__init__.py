@@ -8,11 +8,11 @@ from edge.gate.tracks import TrackGate
 __all__ = ["Gate", "PaperGate", "TrackGate", "TrackRow", "make_gate"]
 
 
-def make_gate(config: GateConfig, size_px: tuple[int, int], score_usual: float, first_track: int = 1) -> Gate:
+def make_gate(config: GateConfig, size_px: tuple[int, int], track_score: float, first_track: int = 1) -> Gate:
     """The gate of a profile, for images of size_px (width, height), numbering its tracks from first_track.
 
-    score_usual: the detector's own word on how surely it sees an object.
+    track_score: the detector's own word on how surely it sees an object.
     """
-    gate: Gate = PaperGate(size_px) if config.profile == "paper" else TrackGate(size_px, config, score_usual)
+    gate: Gate = PaperGate(size_px) if config.profile == "paper" else TrackGate(size_px, config, track_score)
     gate.next_track = first_track
     return gate

@@ -47,9 +47,9 @@ STATIC_CROPS: Final = 4  # places of unbelieved, unmoved tracks worth a look a f
 class TrackGate:
     """Tracks over a stream of frames. size_px: width and height of the image."""
 
-    def __init__(self, size_px: tuple[int, int], config: GateConfig, score_usual: float) -> None:
+    def __init__(self, size_px: tuple[int, int], config: GateConfig, track_score: float) -> None:
         self._config = config
-        self._score_least = score_usual if config.score_confirm is None else config.score_confirm
+        self._score_least = track_score if config.score_confirm is None else config.score_confirm
         self._score_kept = SCORE_KEPT * self._score_least
         self._size_px = size_px
         self._clutter = ClutterMap(size_px)

@@ -25,7 +25,7 @@ class Scripted:
     class_names = ("drone", "bird")
     colour = False
     remembers = False
-    score_usual = 0.45
+    track_score = 0.45
 
     def __init__(self, places: list[tuple[float, float] | None]) -> None:
         self.places = places

@@ -24,9 +24,9 @@ import numpy as np
 from edge.capture.frame import Image, Picture
 from edge.common.errors import SkyfixError, SourceError
 from edge.config import SHIPPED_MODEL, DetectorConfig, GateConfig
-from edge.detector import Detections, open_detector
-from edge.detector.detections import nothing
+from edge.detector.detections import Detections, nothing
 from edge.detector.look import look
+from edge.detector.opening import open_detector
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from edge.gate import TrackRow, make_gate
@@ -102,7 +102,7 @@ def staged(video: Path, model: str) -> tuple[Boxes, list[TrackRow], int, tuple[s
     detector = open_detector(DetectorConfig(model=model), background=False)
     gate, found, rows = None, [], []
     for frame in frames_of(video):
-        gate = gate or make_gate(GateConfig(), frame.size_px, detector.score_usual)
+        gate = gate or make_gate(GateConfig(), frame.size_px, detector.track_score)
         found.append(detector.detect(frame, gate.expected(frame.t_unix_ns)))
         rows += gate.step(frame.t_unix_ns, found[-1])
     return _boxes(found, 1.0), rows, len(found), detector.class_names

@@ -16,8 +16,8 @@ import onnxruntime
 from edge.capture.files import VideoFile
 from edge.common.errors import SkyfixError
 from edge.config import DetectorConfig, GateConfig
-from edge.detector import open_detector
 from edge.detector.full_frame import input_spec
+from edge.detector.opening import open_detector
 from edge.detector.session import open_model
 from edge.lens import LensModel
 from edge.messages import encode

@@ -11,8 +11,9 @@ from onnx import TensorProto
 from edge.capture.frame import Picture
 from edge.common.errors import ConfigError, ModelError
 from edge.config import DetectorConfig
-from edge.detector import Detections, open_detector
+from edge.detector.detections import Detections
 from edge.detector.letterbox import Letterbox
+from edge.detector.opening import open_detector
 from tests.edge.detector.onnx_models import constant_model
 
 CENTRE_PX, SIZE_PX = (960.3, 411.7), (24.0, 12.0)  # of the object, frame pixels counted from the pixel centre
@@ -122,6 +123,14 @@ def test_ambiguous_shape_is_read_as_told(tmp_path: Path) -> None:
     outputs = {"o": np.zeros((1, GRID, 6), np.float32)}
     outputs["o"][0, 0] = (10, 10, 20, 20, 0.9, 0)
     assert len(detect(constant_model(tmp_path / "m.onnx", outputs), format="end_to_end")) == 1
+
+
+def test_a_format_that_is_not_the_models_is_refused(tmp_path: Path) -> None:
+    path = constant_model(tmp_path / "m.onnx", yolov8())
+    with pytest.raises(ModelError, match="carries no skyfix note"):
+        detect(path, format="skyfix")
+    with pytest.raises(ModelError, match="are not labels_boxes_scores"):
+        detect(path, format="labels_boxes_scores")
 
 
 def test_files_that_are_no_model(tmp_path: Path) -> None:

@@ -7,9 +7,10 @@ import pytest
 
 from edge.capture.frame import Picture
 from edge.config import DetectorConfig
-from edge.detector import Detections, open_detector
+from edge.detector.detections import Detections
 from edge.detector.look import _small_and_whole, look
 from edge.detector.magnify import enlarged, reduced
+from edge.detector.opening import open_detector
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from tests.edge.footage import sky

@@ -19,12 +19,6 @@ def test_duplicate_goes_and_the_better_one_stays() -> None:
     assert suppress(centre, np.full((2, 2), 10.0), np.array([0.5, 0.9]), 0.45).tolist() == [1]
 
 
-def test_groups_do_not_compete() -> None:
-    centre, size, score = np.zeros((2, 2)), np.full((2, 2), 8.0), np.array([0.9, 0.8])
-    assert len(suppress(centre, size, score, 0.45, np.array([0, 1]))) == 2
-    assert len(suppress(centre, size, score, 0.45, np.array([1, 1]))) == 1
-
-
 def test_nothing_in_nothing_out() -> None:
     assert suppress(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), 0.45).size == 0
 

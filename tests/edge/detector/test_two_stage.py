@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from edge.capture.frame import Picture
 from edge.common.errors import ModelError
 from edge.config import DetectorConfig
-from edge.detector import Detections, Detector, open_detector
 from edge.detector.crops import SIDE_PX, choose, cut
+from edge.detector.detections import Detections, Detector
 from edge.detector.history import History
 from edge.detector.motion import MotionDetector
+from edge.detector.opening import open_detector
 from tests.edge.detector.onnx_models import constant_model
 from tests.edge.footage import flight, sky
 

@@ -1,0 +1,35 @@
+"""From a configuration to the detector it asks for."""
+
+from edge.common.errors import ConfigError
+from edge.config import SHIPPED_MODEL, DetectorConfig
+from edge.detector.by_size import BySize
+from edge.detector.detections import Detector
+from edge.detector.formats import AUTO, STACK_FORMAT
+from edge.detector.full_frame import FullFrame
+from edge.detector.full_scan import FullScan
+from edge.detector.session import open_model
+from edge.detector.skyfix import StackNet
+from edge.detector.two_stage import TwoStage
+
+
+def open_detector(config: DetectorConfig, *, background: bool) -> Detector:
+    """The detector a configuration asks for. background: full scans beside the frames.
+
+    Raises ModelError, ConfigError.
+    """
+    path = config.model or SHIPPED_MODEL
+    model = open_model(path, config.threads)
+    ours = config.format == STACK_FORMAT or (config.format == AUTO and STACK_FORMAT in model.notes)
+    if ours and config.mode == "auto":
+        return BySize(StackNet(model), config, background=background)
+    if ours and config.mode == "two_stage":
+        return TwoStage(StackNet(model), config, background=background)
+    if ours:
+        return FullScan(StackNet(model), config)
+    if config.mode == "two_stage":
+        raise ConfigError(
+            "two_stage needs a model of the skyfix format",
+            where=f"detector.model {path}",
+            action='leave detector.model out for the one shipped, or set detector.mode to "full_frame"',
+        )
+    return FullFrame(model, config)
