@@ -1,7 +1,7 @@
 """How the station stands, in the words that outputs get (outputs/output.py), and whether it is itself at fault.
 
 The hazard is a station that says it is well while it can't do its work. Silent cameras are no fault of the station, and
-are said as such; a session that is not open or a loop that stands still are.
+are reported as such; a session that is not open or a loop that stands still are.
 """
 
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
 """Which sequence numbers of which camera this station has, and so which it lacks. Pure: messages are handed in.
 
-A box numbers its Tracks messages within one run of its program, its epoch. A number above the last one heard is not
-yet missing: it may be on its way. So a number counts as lacking only once the box itself says it has it, and said so
+A box numbers its Tracks messages within one run of its program, its epoch. A number above the last one received is not
+yet missing: it may be on its way. So a number counts as lacking only once the box itself announces it, and did so
 already one inventory earlier.
 """
 
@@ -69,7 +69,7 @@ class Ledger:
 
     def __init__(self) -> None:
         self._have: dict[str, dict[int, Ranges]] = {}
-        self._said: dict[str, dict[int, int]] = {}  # camera, epoch: the last number of the inventory before
+        self._announced: dict[str, dict[int, int]] = {}  # camera, epoch: the last number of the inventory before
 
     def have(self, camera: str, epoch: int, first_seq: int, last_seq: int) -> None:
         """The station has these numbers, or knows them gone for good: never ask for them again."""
@@ -82,14 +82,14 @@ class Ledger:
 
     def gaps(self, camera: str, inventory: Iterable[SpooledEpoch]) -> list[Gap]:
         """What this camera's box has and the station lacks, newest epoch first. inventory: oldest epoch first."""
-        said = self._said.get(camera, {})
+        announced = self._announced.get(camera, {})
         inventory = list(inventory)
-        self._said[camera] = {kept.epoch: kept.last_seq for kept in inventory}
+        self._announced[camera] = {kept.epoch: kept.last_seq for kept in inventory}
         return [
             Gap(kept.epoch, first, last)
             for kept in reversed(inventory)
             for first, last in self._ranges(camera, kept.epoch).missing(
-                kept.first_seq, min(kept.last_seq, said.get(kept.epoch, -1))
+                kept.first_seq, min(kept.last_seq, announced.get(kept.epoch, -1))
             )
         ]
 

@@ -1,6 +1,6 @@
-"""`base-station run`: the loop. What a turn does is in runner.py, what is decided in core.py.
+"""`base-station run`: the loop. What a turn does is in runner.py, what is decided in core/station.py.
 
-Stops within three seconds of SIGTERM or Ctrl-C, in order: nothing more is heard, the recording gets its end, the
+Stops within three seconds of SIGTERM or Ctrl-C, in order: nothing more is received, the recording gets its end, the
 solver's process and the Zenoh session are closed. A second signal ends it at once.
 """
 

@@ -1,7 +1,7 @@
 """What an output is: one way in which targets leave the station. MAVLink is the first; each has a folder of its own.
 
 The hazard is a protocol that has grown into the loop: its words, its masks and its pace in nine files, so that the next
-one is surgery. So an output is told what every output is told, in the station's own words, and makes its protocol of
+one is surgery. So an output is given what every output is given, in the station's own words, and makes its protocol of
 it by itself. It is opened by a function `open_output(table, context)` in the module that the configuration names.
 """
 

@@ -79,7 +79,7 @@ class ThreadedOutput(OwnThread):
             self._record(*self._records.popleft())
 
     def checks(self, now_ns: int) -> list[Check]:
-        """What it said of itself last, and whether it hangs."""
+        """What it reported of itself last, and whether it hangs."""
         since_s = self._since_s
         if since_s is None or time.monotonic() - since_s < STALLED_S:
             return self._report[0]

@@ -1,4 +1,4 @@
-"""What the page has been told, and what a browser gets of it ten times a second. Pure: time is handed in.
+"""What the page has received, and what a browser gets of it ten times a second. Pure: time is handed in.
 
 The hazard is the frozen picture that looks alive. Every frame says how old what it shows is, and a browser that gets no
 frames says so itself (static/station.js).
@@ -26,7 +26,7 @@ RAY_S: Final = 0.5  # a ray is drawn so long after its frame
 
 @dataclass
 class Sight:
-    """What one camera saw last. t_s: when we were told; seen: (N, 6) u, v, width, height px, track, confirmed."""
+    """What one camera saw last. t_s: when it came; seen: (N, 6) u, v, width, height px, track, confirmed."""
 
     t_s: float
     size_px: tuple[int, int]
@@ -46,8 +46,7 @@ class Live:
 
     def __init__(self) -> None:
         self.status: StationStatus | None = None
-        self.metrics = b""
-        self.told_s = -np.inf
+        self.received_s = -np.inf
         self.health: dict[str, Health] = {}
         self.previews: dict[str, tuple[int, bytes]] = {}
         self.coverage: dict[tuple[int, int], int] = {}
@@ -61,9 +60,7 @@ class Live:
         """One packet. Raises msgspec.MsgspecError if it is not what its name says."""
         kind, _, camera = name.partition("/")
         if kind == "status":
-            self.status, self.told_s = msgspec.json.decode(payload, type=StationStatus), now_s
-        elif kind == "metrics":
-            self.metrics = payload
+            self.status, self.received_s = msgspec.json.decode(payload, type=StationStatus), now_s
         elif kind == "network":
             self._network = msgspec.json.decode(payload, type=NetworkMessage)
         elif kind == "targets":
@@ -108,7 +105,7 @@ class Live:
     def frame(self, now_s: float) -> dict[str, Any]:
         """The moving part: targets and rays."""
         return {
-            "age_s": None if self.status is None else round(now_s - self.told_s, 2),
+            "age_s": None if self.status is None else round(now_s - self.received_s, 2),
             "targets": self._target_rows(now_s),
             "rays": self._ray_rows(now_s),
             "sights": {

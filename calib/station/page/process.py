@@ -22,7 +22,7 @@ import msgspec
 from calib.station.config import StatusSection
 from calib.station.page import wire
 from calib.station.status.access import read_token
-from calib.station.status.status import StationStatus, prometheus
+from calib.station.status.status import StationStatus
 from edge.common.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -115,8 +115,6 @@ class PageProcess:
     def show(self, status: StationStatus) -> None:
         """Show this from now on."""
         self._shown_s = time.monotonic()
-        self._kept["metrics"] = prometheus(status).encode()
-        self.feed("metrics", self._kept["metrics"])
         self.feed("status", msgspec.json.encode(status), keep=True)
 
     def feed(self, name: str, payload: bytes, *, keep: bool = False) -> None:

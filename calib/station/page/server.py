@@ -26,6 +26,7 @@ from calib.station.page import wire, words
 from calib.station.page.guard import RequestFilter
 from calib.station.page.live import Live
 from calib.station.page.past import Past, listing, named
+from calib.station.status.metrics import CONTENT_TYPE, metrics
 from calib.station.status.status import CameraStatus, StationStatus
 from edge.common.errors import SkyfixError
 
@@ -135,8 +136,9 @@ def _routes(app: FastAPI, page: Page) -> None:
         return _json(page.live.status)
 
     @app.get("/metrics")
-    def metrics() -> Response:
-        return Response(page.live.metrics, media_type="text/plain; version=0.0.4")
+    def numbers() -> Response:
+        status = page.live.status
+        return Response(b"" if status is None else metrics(status), media_type=CONTENT_TYPE)
 
     @app.get("/report")
     def report() -> Response:

@@ -23,7 +23,7 @@ class OperatorCommand(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Hello(msgspec.Struct, frozen=True, kw_only=True):
-    """What a page is told when it starts."""
+    """What a page gets when it starts."""
 
     site: str
     token: str

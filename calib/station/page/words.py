@@ -111,7 +111,7 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
     state = "silent" if not camera.online else "muted" if camera.muted else "left out" if camera.suspect else "sees"
     if level == "ok" and health is not None and health.level != "ok":
         level, state = "warn", "sees, but"
-    told = {} if health is None else health.counters
+    counters = {} if health is None else health.counters
     items = {} if health is None else {item.name: item.reason for item in health.items}
     facts = {
         "last frame": "never" if camera.last_frame_s is None else f"{camera.last_frame_s:.1f} s ago",
@@ -120,7 +120,7 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
         "frames lost": f"{camera.missed}",
         "focus (higher is sharper)": items.get("focus", "unknown"),
         "temperature": items.get("temperature", "unknown"),
-        "dropped on the box": _counter(told, "frames_dropped", "{:.0f}"),
+        "dropped on the box": _counter(counters, "frames_dropped", "{:.0f}"),
     }
     reason = camera.suspect or camera.reason
     if not camera.online and camera.last_frame_s is not None:  # the station's own reason is up to a second older

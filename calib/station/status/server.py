@@ -1,6 +1,7 @@
-"""/status.json and /metrics over HTTP: the newest status, made once a second, handed out as it is.
+"""/status.json and /metrics over HTTP: the newest status, taken once a second, made into text when somebody asks.
 
-The hazard is a browser that slows the tracker; so nothing is computed here, and the server has a thread of its own.
+The hazard is a browser that slows the tracker; so the loop only leaves the struct here, and threads of the server's own
+make text of it.
 """
 
 from http import HTTPStatus
@@ -12,12 +13,17 @@ import msgspec
 
 from calib.station.config import StatusSection
 from calib.station.status.access import allowed, read_token
-from calib.station.status.status import StationStatus, prometheus
+from calib.station.status.metrics import CONTENT_TYPE, metrics
+from calib.station.status.status import StationStatus
 from edge.common.errors import ConfigError
 from edge.common.own_thread import OwnThread
 
 POLL_S: Final = 0.1  # how soon it notices that it is to stop
 CLOSE_S: Final = 1.0
+PAGES: Final = {
+    "/status.json": ("application/json", msgspec.json.encode),
+    "/metrics": (CONTENT_TYPE, metrics),
+}
 
 
 class StatusServer(OwnThread):
@@ -27,7 +33,7 @@ class StatusServer(OwnThread):
         """Raises ConfigError if the address cannot be had, or the token cannot be read."""
         super().__init__("status", CLOSE_S)
         self._token = read_token(folder / options.token_file) if options.token_file else ""
-        self._pages: dict[str, tuple[str, bytes]] = {}
+        self._status: StationStatus | None = None
         try:
             self._server = ThreadingHTTPServer((options.host, options.port or 0), self._handler())
         except OSError as error:
@@ -45,40 +51,42 @@ class StatusServer(OwnThread):
 
     def show(self, status: StationStatus) -> None:
         """Serve this from now on."""
-        self._pages = {
-            "/status.json": ("application/json", msgspec.json.encode(status)),
-            "/metrics": ("text/plain; version=0.0.4", prometheus(status).encode()),
-        }
+        self._status = status
 
     def _run(self) -> None:
         self._server.serve_forever(POLL_S)
-        self._server.server_close()
 
     def _wake(self) -> None:
         if self._thread.is_alive():
             self._server.shutdown()
+        self._server.server_close()
+
+    def _answer(self, path: str, headers: dict[str, str], query: str) -> tuple[HTTPStatus, str, bytes]:
+        """Status code, content type and body of the answer to a request; headers by names in lower case."""
+        if not allowed(self._token, headers, query):
+            return HTTPStatus.UNAUTHORIZED, "text/plain", b"a token is needed\n"
+        if path not in PAGES:
+            return HTTPStatus.NOT_FOUND, "text/plain", f"there are {' and '.join(PAGES)}\n".encode()
+        if self._status is None:
+            return HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", b"the station has just started\n"
+        kind, make = PAGES[path]
+        return HTTPStatus.OK, kind, make(self._status)
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         server = self
 
         class StatusHandler(BaseHTTPRequestHandler):
-            timeout = 5  # s: a client that says nothing does not hold a thread for ever
+            timeout = 5  # s: a client that sends nothing does not hold a thread for ever
 
             def do_GET(self) -> None:
                 path, _, query = self.path.partition("?")
                 headers = {name.lower(): value for name, value in self.headers.items()}
-                if not allowed(server._token, headers, query):
-                    self.send_error(HTTPStatus.UNAUTHORIZED, "a token is needed")
-                    return
-                page = server._pages.get(path)
-                if page is None:
-                    self.send_error(HTTPStatus.NOT_FOUND, "there are /status.json and /metrics")
-                    return
-                self.send_response(HTTPStatus.OK)
-                self.send_header("Content-Type", page[0])
-                self.send_header("Content-Length", str(len(page[1])))
+                code, kind, body = server._answer(path, headers, query)
+                self.send_response(code)
+                self.send_header("Content-Type", kind)
+                self.send_header("Content-Length", str(len(body)))
                 self.end_headers()
-                self.wfile.write(page[1])
+                self.wfile.write(body)
 
             def log_message(self, format: str, *args: object) -> None:
                 """Who asked is nobody's business here."""

@@ -4,11 +4,8 @@ The hazard is two truths: a page that is green while the metrics are red. So eve
 state is made from this struct, and the struct is made in one place (calib/station/core/station.py).
 """
 
-from collections.abc import Iterator
-
 import msgspec
 
-from calib.station.core.calibration import Phase
 from edge.messages import Health
 
 
@@ -98,48 +95,3 @@ class StationStatus(msgspec.Struct, frozen=True, kw_only=True):
     free_mb: int | None = None  # on the recording's disk
     health: Health
     counters: dict[str, float]
-
-
-def prometheus(status: StationStatus) -> str:
-    """The struct in Prometheus' text format (version 0.0.4)."""
-    return "\n".join(_lines(status)) + "\n"
-
-
-def _lines(status: StationStatus) -> Iterator[str]:
-    yield from _one("up_seconds", "counter", status.uptime_s)
-    yield from _one("starts", "counter", status.epoch)
-    yield "# TYPE skyfix_phase gauge"
-    for phase in Phase:
-        yield f'skyfix_phase{{phase="{phase}"}} {int(status.phase == phase)}'
-    yield from _one("targets", "gauge", len(status.targets))
-    yield from _one("targets_tentative", "gauge", status.tentative)
-    if status.rms_px is not None:
-        yield from _one("calibration_rms_px", "gauge", status.rms_px)
-    if status.latency_ms is not None:
-        yield "# TYPE skyfix_latency_seconds gauge"
-        for quantile, milliseconds in zip(("0.5", "0.99"), status.latency_ms, strict=True):
-            yield f'skyfix_latency_seconds{{quantile="{quantile}"}} {milliseconds / 1e3:.6f}'
-    yield from _per_camera(status)
-    yield "# TYPE skyfix_health gauge"
-    for item in status.health.items:
-        yield f'skyfix_health{{name="{_escaped(item.name)}"}} {("ok", "warn", "fail").index(item.level)}'
-    for name, value in sorted(status.counters.items()):
-        yield from _one(f"{name}_total", "counter", value)
-
-
-def _per_camera(status: StationStatus) -> Iterator[str]:
-    yield "# TYPE skyfix_camera_online gauge"
-    yield from (f'skyfix_camera_online{{camera="{c.id}"}} {int(c.online)}' for c in status.cameras)
-    yield "# TYPE skyfix_camera_calibrated gauge"
-    yield from (f'skyfix_camera_calibrated{{camera="{c.id}"}} {int(c.calibrated)}' for c in status.cameras)
-    yield "# TYPE skyfix_camera_missed_total counter"
-    yield from (f'skyfix_camera_missed_total{{camera="{c.id}"}} {c.missed}' for c in status.cameras)
-
-
-def _one(name: str, kind: str, value: float) -> Iterator[str]:
-    yield f"# TYPE skyfix_{name} {kind}"
-    yield f"skyfix_{name} {value:g}"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")

@@ -5,7 +5,7 @@ more than a minute behind: a station up for longer could not be joined. It belie
 the frame's hash: one forged frame from the year 2100 shuts out every good one after it. Here the time is refreshed
 before each message, a frame is checked before anything is learnt from it, and a good one from far in the future is
 refused too, because it would carry us there. And it forgets at every restart, and on every other endpoint, what it has
-already obeyed: a command overheard on the radio and said again by TCP would be obeyed twice.
+already obeyed: a command overheard on the radio and replayed by TCP would be obeyed twice.
 """
 
 import hmac

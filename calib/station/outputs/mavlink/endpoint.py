@@ -72,7 +72,7 @@ class UdpEndpoint(Endpoint):
                 came.append((0, self._socket.recv(READ_BYTES)))
             except BlockingIOError:
                 break
-            except OSError as error:  # a refused datagram is reported here
+            except OSError as error:  # what the network reports of datagrams sent
                 self._failed(error)
                 break
         return came

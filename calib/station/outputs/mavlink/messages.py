@@ -1,8 +1,8 @@
-"""What is said in MAVLink about targets and the station: which message, which field, which value when unknown.
+"""What is sent in MAVLink about targets and the station: which message, which field, which value when unknown.
 
 The hazard is the receiver. Ground-control programs ignore validity flags, draw heights as above sea level whatever the
 type says, take a message without coordinates for a refresh, and crash or wrap where a field overflows. So what cannot
-be said truly is not sent at all, and every number is brought into its field's range here, because pymavlink raises
+be stated truly is not sent at all, and every number is brought into its field's range here, because pymavlink raises
 where C wraps. Sources per rule: MAVLink's common.xml, and what QGroundControl, Mission Planner and MAVProxy do with it.
 """
 

@@ -1,7 +1,7 @@
 """One receiver of MAVLink: what it gets and when, and what it may ask. Pure: bytes in, bytes out, the time handed in.
 
-The hazards: a radio that drowns in full-rate tracks, an aircraft that stays on the map because its end was never said,
-and a command obeyed that nobody was entitled to give. So tracks are limited in rate per target, LOST is said three
+The hazards: a radio that drowns in full-rate tracks, an aircraft that stays on the map because its end was never sent,
+and a command obeyed that nobody was entitled to give. So tracks are limited in rate per target, LOST is sent three
 times and then nothing, and commands count only when signed, or from a system that the configuration lists; but every
 command addressed to us is answered, because senders repeat what is not.
 """
@@ -31,7 +31,7 @@ NS: Final = 10**9
 
 @dataclass
 class _Paced:
-    """When each target was last said, per message; and LOST messages still owed."""
+    """When each target was last sent, per message; and LOST messages still owed."""
 
     last_ns: dict[int, int] = field(default_factory=dict)
     interval_ns: int = 0
@@ -46,7 +46,7 @@ class _Paced:
 
 
 @dataclass
-class _Farewell:
+class _LostNotice:
     target: OutgoingTarget
     left: int
     next_ns: int
@@ -63,7 +63,7 @@ class MavlinkPort:
         key: bytes | None,
         streams: Streams | None = None,
     ) -> None:
-        """key: signs and verifies; None: neither. streams: what was heard under this key on any endpoint."""
+        """key: signs and verifies; None: neither. streams: what was received under this key on any endpoint."""
         self._endpoint, self._context = endpoint, context
         profile = endpoint.profile
         self._gcs = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id) if "gcs" in profile else None
@@ -72,7 +72,7 @@ class MavlinkPort:
         self._listener.signing.allow_unsigned_callback = lambda *_: True  # obeyed or not is decided per command
         self._adsb = _Paced(interval_ns=round(NS / options.adsb_rate_hz))
         self._tracks = _Paced(interval_ns=round(NS / endpoint.rate_hz))
-        self._farewells: list[_Farewell] = []
+        self._notices: list[_LostNotice] = []
         self._text_budget, self._texts = TEXTS_A_SECOND, 0
         self._signed = key is not None
         self._running: common.MAVLink_command_long_message | None = None
@@ -95,11 +95,11 @@ class MavlinkPort:
     # Out
 
     def targets(self, targets: Iterable[OutgoingTarget], now_ns: int, synced: bool) -> list[bytes]:
-        """Frames for targets that moved or coast, and first farewells of those that are lost."""
+        """Frames for targets that moved or coast, and first notices of those that are lost."""
         frames: list[bytes] = []
         for target in targets:
             if target.state is TargetState.LOST:
-                self._farewells.append(_Farewell(target, LOST_REPEATS, now_ns))
+                self._notices.append(_LostNotice(target, LOST_REPEATS, now_ns))
                 self._adsb.last_ns.pop(target.track, None)
                 self._tracks.last_ns.pop(target.track, None)
                 continue
@@ -107,15 +107,15 @@ class MavlinkPort:
                 frames += self._frame(self._ecef, messages.target_track_ecef, target, self._context, synced)
             if self._gcs is not None and self._adsb.due(target.track, now_ns):
                 frames += self._frame(self._gcs, messages.adsb_vehicle, target, self._context)
-        return frames + self._say_farewell(now_ns, synced)
+        return frames + self._repeat_lost(now_ns, synced)
 
-    def _say_farewell(self, now_ns: int, synced: bool) -> list[bytes]:
+    def _repeat_lost(self, now_ns: int, synced: bool) -> list[bytes]:
         frames: list[bytes] = []
-        for farewell in self._farewells:
-            if self._ecef is not None and now_ns >= farewell.next_ns:
-                frames += self._frame(self._ecef, messages.target_track_ecef, farewell.target, self._context, synced)
-                farewell.left, farewell.next_ns = farewell.left - 1, now_ns + LOST_SPACING_NS
-        self._farewells = [f for f in self._farewells if f.left > 0 and self._ecef is not None]
+        for notice in self._notices:
+            if self._ecef is not None and now_ns >= notice.next_ns:
+                frames += self._frame(self._ecef, messages.target_track_ecef, notice.target, self._context, synced)
+                notice.left, notice.next_ns = notice.left - 1, now_ns + LOST_SPACING_NS
+        self._notices = [f for f in self._notices if f.left > 0 and self._ecef is not None]
         return frames
 
     def second(self, status: TrackerStatus, *, faulted: bool) -> list[bytes]:
@@ -138,10 +138,10 @@ class MavlinkPort:
         self._texts += 1
         return [codec.encoded(message) for message in messages.status_texts(severity, text, self._texts)]
 
-    def _frame(self, codec: Codec, make: Callable[..., common.MAVLink_message], *said: object) -> list[bytes]:
+    def _frame(self, codec: Codec, make: Callable[..., common.MAVLink_message], *parts: object) -> list[bytes]:
         """The frame, or nothing if a number does not fit its field: a bad target must not stop the others."""
         try:
-            frame = codec.encoded(make(*said))
+            frame = codec.encoded(make(*parts))
         except (ValueError, OverflowError, struct.error):
             self.counters["unsendable"] += 1
             return []

@@ -25,7 +25,7 @@ MAV_STATES: Final = {
 
 
 def tracker_status(standing: StationStanding) -> TrackerStatus:
-    """What TRACKER_STATUS and HEARTBEAT say."""
+    """The fields of TRACKER_STATUS and HEARTBEAT."""
     cameras, latency_ms = standing.cameras, standing.latency_ms
     return TrackerStatus(
         t_unix_ns=standing.t_unix_ns,

@@ -166,6 +166,17 @@ def test_a_camera_says_why_it_is_red() -> None:
     assert "silent" in text
 
 
+@pytest.mark.parametrize("first_solve_s", [3.0, 15.0, 60.0])
+def test_the_seconds_a_pair_must_share_are_those_of_the_station(first_solve_s: float) -> None:
+    for shared_s, level in ((0.1, "fail"), (0.5, "warn"), (1.0, "ok")):
+        pair = PairStatus(one="cam0", other="cam1", shared_s=round(shared_s * first_solve_s), residual_mrad=None)
+        assert words.pair_level(pair, first_solve_s) == level
+        cameras = [camera(name, calibrated=False) for name in ("cam0", "cam1")]
+        aim = steps(status(cameras, pairs=[pair], first_solve_s=first_solve_s))[1]
+        assert (aim.level == "ok") is (level == "ok")
+        assert level == "ok" or f"{first_solve_s:g} s" in aim.reason
+
+
 def test_one_bad_pair_is_one_red_cell() -> None:
     pairs = [
         PairStatus(one="cam0", other="cam1", shared_s=60, residual_mrad=0.4),

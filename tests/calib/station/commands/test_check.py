@@ -1,0 +1,66 @@
+"""`base-station check`: a line for each thing the station depends on, and a code that says whether one fails."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from calib.station.app import main
+from calib.station.commands.check import Line, examine
+from calib.station.config import BaseConfig
+from tests.calib.station.running import calibrated_before, configured, udp_ear
+
+
+def lines(config: BaseConfig, folder: Path) -> dict[str, Line]:
+    return {line.name: line for line in examine(config, folder)}
+
+
+def test_a_configuration_that_is_well_passes(tmp_path: Path, endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    calibrated_before(tmp_path)
+    with udp_ear() as ear:
+        name = f"mavlink udp:127.0.0.1:{ear.port}"
+        found = lines(configured(tmp_path, endpoint, mavlink={"endpoint": [ear.endpoint]}), tmp_path)
+        assert main(["check", "--config", str(tmp_path / "base.toml")]) == 0
+    assert found[name] == Line("PASS", name, "gcs+ecef")
+    assert found["stored calibration"].reason.startswith("3 cameras")
+    assert {name for name, line in found.items() if line.verdict == "FAIL"} == set()
+    assert found["survey"].verdict == "WARN"  # nothing is surveyed: the boxes must send fixes
+    printed = capsys.readouterr().out
+    assert '"first_solve_s": 3.0' in printed
+    assert f"PASS  {name}" in printed
+
+
+def test_every_receiver_is_tried_even_when_one_is_wrong(tmp_path: Path, endpoint: str) -> None:
+    with udp_ear() as ear:
+        name = f"mavlink udp:127.0.0.1:{ear.port}"
+        wrong = {"url": "upd:127.0.0.1:1", "profile": ["ecef"]}
+        key = {"url": "udp:127.0.0.1:2", "profile": ["ecef"], "signing_key": "none"}
+        found = lines(configured(tmp_path, endpoint, mavlink={"endpoint": [wrong, key, ear.endpoint]}), tmp_path)
+        assert main(["check", "--config", str(tmp_path / "base.toml")]) == 1
+    assert found["mavlink upd:127.0.0.1:1"].verdict == "FAIL"
+    assert "no MAVLink endpoint" in found["mavlink upd:127.0.0.1:1"].reason
+    assert "no signing key" in found["mavlink udp:127.0.0.1:2"].reason
+    assert found[name].verdict == "PASS"
+
+
+def test_what_is_missing_or_taken_is_named_with_what_to_do(tmp_path: Path, endpoint: str) -> None:
+    host, port = endpoint.removeprefix("tcp/").split(":")
+    with socket.create_server((host, int(port))), socket.create_server((host, 0)) as page:
+        config = configured(tmp_path, endpoint, status={"port": page.getsockname()[1]})
+        found = lines(config, tmp_path)
+    for name in (f"link {endpoint}", "status page"):
+        assert (found[name].verdict, found[name].reason) == ("FAIL", "Address already in use")
+        assert found[name].action
+    assert found["output"] == Line(
+        "WARN", "output", "none: nothing is sent", "add [[mavlink.endpoint]] or [output.NAME]"
+    )
+
+
+def test_a_folder_that_can_t_be_written_and_a_survey_that_can_t_be_read_fail(tmp_path: Path, endpoint: str) -> None:
+    (tmp_path / "file").touch()
+    recording = {"folder": "recordings", "min_free_mb": 1_000_000}
+    config = configured(tmp_path, endpoint, state_folder="file/state", recording=recording)
+    found = lines(config, tmp_path)
+    assert found["state folder"].verdict == "FAIL"
+    assert found["recording"].verdict == "FAIL"
+    assert found["recording"].action == "free 1000000 MB"

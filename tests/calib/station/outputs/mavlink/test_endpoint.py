@@ -1,0 +1,137 @@
+"""Sockets that never block the loop: UDP, TCP both ways, a serial line; peers that vanish, come back or do not read."""
+
+import os
+import pty
+import socket
+import tty
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+from calib.station.outputs.mavlink.endpoint import BACKLOG_BYTES, REDIAL_NS, Endpoint, open_endpoint
+from edge.common.errors import ConfigError
+from tests.calib.station.running import udp_ear
+from tests.conftest import Until
+
+FRAMES = [b"\xfd one", b"\xfd two"]
+
+
+@contextmanager
+def opened(url: str) -> Iterator[Endpoint]:
+    with closing(open_endpoint(url)) as endpoint:
+        yield endpoint
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.parametrize("url", ["", "udp:", "udp:host", "udp::1", "http:host:80", "serial:/dev/ttyUSB0:fast"])
+def test_what_is_no_endpoint_is_refused_with_the_forms_there_are(url: str) -> None:
+    with pytest.raises(ConfigError, match="is no MAVLink endpoint") as refused:
+        open_endpoint(url)
+    assert "tcpin:HOST:PORT" in refused.value.action
+
+
+def test_a_port_that_is_taken_is_refused() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as holder, pytest.raises(ConfigError, match="cannot be opened"):
+        open_endpoint(f"tcpin:127.0.0.1:{holder.getsockname()[1]}")
+
+
+def test_udp_sends_a_frame_a_datagram_and_hears_the_answer(until: Until) -> None:
+    with udp_ear() as ear, opened(f"udp:127.0.0.1:{ear.port}") as endpoint:
+        endpoint.send(FRAMES, 0)
+        came: list[bytes] = []
+        assert until(lambda: came.extend(ear.datagrams()) or came == FRAMES)
+        assert endpoint.sent_bytes == sum(map(len, FRAMES))
+        sender = endpoint._socket.getsockname()  # type: ignore[attr-defined]
+        ear.socket.sendto(b"answer", sender)
+        answers: list[bytes] = []
+        assert until(lambda: answers.extend(data for _, data in endpoint.receive(0)) or answers == [b"answer"])
+        assert endpoint.errors == 0
+
+
+def test_udp_counts_what_can_t_be_sent_and_goes_on() -> None:
+    with udp_ear() as ear, opened(f"udp:127.0.0.1:{ear.port}") as endpoint:
+        endpoint.send([b"x" * 70_000, *FRAMES], 0)  # longer than a datagram can be
+        assert endpoint.errors == 1
+        assert "too long" in endpoint.last_error
+        assert endpoint.sent_bytes == sum(map(len, FRAMES))
+
+
+def test_a_listener_serves_many_and_drops_the_one_that_does_not_read(until: Until) -> None:
+    port = free_port()
+    with opened(f"tcpin:127.0.0.1:{port}") as endpoint:
+        endpoint.send(FRAMES, 0)  # nobody there: nothing to do
+        with (
+            socket.create_connection(("127.0.0.1", port)) as good,
+            socket.create_connection(("127.0.0.1", port)) as bad,
+        ):
+            good.setblocking(False)
+            bad.sendall(b"hello")
+            heard: list[bytes] = []
+            assert until(lambda: heard.extend(data for _, data in endpoint.receive(0)) or heard == [b"hello"])
+            assert until(lambda: (endpoint.receive(0), len(endpoint._streams) == 2)[1])  # type: ignore[attr-defined]
+            received = bytearray()
+            sent = 0
+            while endpoint.errors == 0:
+                endpoint.send([b"x" * 10_000], 0)
+                sent += 10_000
+                assert sent < 50 * BACKLOG_BYTES, "it should have been dropped by now"
+                received += _read(good)
+            assert endpoint.last_error.endswith("peer does not read")
+            assert until(lambda: received.extend(_read(good)) or (endpoint.send([], 0), len(received) == sent)[1])
+
+
+def _read(one: socket.socket) -> bytes:
+    try:
+        return one.recv(1 << 20)
+    except BlockingIOError:
+        return b""
+
+
+def test_a_server_that_comes_later_and_again_is_dialled_again(until: Until) -> None:
+    port, now_ns = free_port(), 0
+    with opened(f"tcp:127.0.0.1:{port}") as endpoint:
+
+        def dialled() -> bool:
+            nonlocal now_ns
+            now_ns += REDIAL_NS
+            endpoint.send(FRAMES, now_ns)
+            return endpoint.sent_bytes > 0
+
+        endpoint.send(FRAMES, now_ns)
+        assert until(lambda: (endpoint.send(FRAMES, now_ns), endpoint.errors > 0)[1])
+        for _ in range(2):
+            endpoint.sent_bytes = 0
+            with socket.create_server(("127.0.0.1", port)) as server:
+                assert until(dialled)
+                peer, _ = server.accept()
+                with peer:
+                    assert peer.recv(100).startswith(FRAMES[0])
+            assert until(lambda: (endpoint.receive(now_ns), endpoint.errors > 1)[1])
+
+
+def test_a_serial_line_speaks_and_is_opened_again_when_it_was_unplugged(tmp_path: Path, until: Until) -> None:
+    device = tmp_path / "radio"
+    with opened(f"serial:{device}:57600") as endpoint:
+        endpoint.send(FRAMES, 0)
+        assert endpoint.errors == 1  # not there yet
+        for turn in (1, 2):
+            ours, theirs = pty.openpty()
+            tty.setraw(theirs)
+            device.symlink_to(os.ttyname(theirs))
+            endpoint.send(FRAMES, 2 * turn * REDIAL_NS)
+            assert os.read(ours, 100) == b"".join(FRAMES)
+            os.write(ours, b"answer")
+            answers: list[bytes] = []
+            assert until(lambda: answers.extend(data for _, data in endpoint.receive(0)) or answers == [b"answer"])  # noqa: B023
+            os.close(ours)
+            os.close(theirs)
+            device.unlink()
+            before = endpoint.errors
+            assert until(lambda: (endpoint.receive(0), endpoint.errors > before)[1])  # noqa: B023
