@@ -1,7 +1,7 @@
 """What a calibrated camera should see of a point, and how that changes with the point and with the camera's pose.
 
 The hazard is the far side of the lens model: behind the camera, or outside the image, a polynomial happily folds a
-point back into the picture. So every projection says whether it may be believed, by a radius fixed once per camera.
+point back into the picture. So every projection says whether it is valid, by a radius fixed once per camera.
 """
 
 from dataclasses import dataclass

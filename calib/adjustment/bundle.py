@@ -1,9 +1,9 @@
-"""The adjustment: all pixels, the survey, the lens reports and the clocks' bounds, at once, in continuous time.
+"""Bundle adjustment in continuous time: all pixels, the survey, the lens reports and the clocks' bounds, at once.
 
 The hazards are a start far off (answered by damping and a loss without pull from afar), weights that are wrong
-(weights.py estimates them from the residuals, in turns with the steps here), and a gauge that nothing holds (priors
-hold it, or the Schur complement refuses). Unknowns and residuals are those of projection.py and priors.py; the control
-points are eliminated as Triggs et al. (2000, section 6) eliminate points.
+(weights.py estimates them from the residuals, in turns with the Gauss-Newton steps here), and a gauge that nothing
+holds (priors hold it, or the Schur complement refuses). Unknowns and residuals are those of projection.py and
+priors.py; the control points are eliminated as Triggs et al. (2000, section 6) eliminate points.
 """
 
 from dataclasses import dataclass, replace

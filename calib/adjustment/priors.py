@@ -108,12 +108,12 @@ def lens_sigma(camera: Camera) -> Array:
 
 
 def camera_priors(
-    cameras: tuple[Camera, ...], sites: dict[str, SiteCamera], disbelieved: frozenset[str]
+    cameras: tuple[Camera, ...], sites: dict[str, SiteCamera], rejected: frozenset[str]
 ) -> tuple[CameraPrior, ...]:
-    """What is known of each camera beforehand. cameras: as aligned and georeferenced; disbelieved: no position used."""
+    """What is known of each camera beforehand. cameras: as aligned and georeferenced; rejected: no position used."""
     reference = time_reference(cameras, sites)
     return tuple(
-        _camera_prior(camera, sites[camera.id], camera.id == reference, camera.id in disbelieved) for camera in cameras
+        _camera_prior(camera, sites[camera.id], camera.id == reference, camera.id in rejected) for camera in cameras
     )
 
 
@@ -157,13 +157,13 @@ def time_reference(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) ->
     return min(cameras, key=rank).id
 
 
-def _camera_prior(camera: Camera, site: SiteCamera, reference: bool, disbelieved: bool) -> CameraPrior:
+def _camera_prior(camera: Camera, site: SiteCamera, reference: bool, rejected: bool) -> CameraPrior:
     sigma = np.full(CAMERA_SIZE, FREE)
     sigma[OFFSET], sigma[RATE] = (FIXED, FIXED) if reference else _clock_sigma(camera, site)
     sigma[READOUT] = _readout_sigma(site)
     sigma[LENS] = lens_sigma(camera)
     centre, information = camera.centre_enu, np.zeros((3, 3))
-    if site.position_enu is not None and site.position_covariance is not None and not disbelieved:
+    if site.position_enu is not None and site.position_covariance is not None and not rejected:
         centre, information = site.position_enu, np.asarray(np.linalg.inv(site.position_covariance), float)
     mean = replace(
         camera,

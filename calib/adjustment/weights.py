@@ -3,7 +3,7 @@
 Two hazards. Confidence: a detector's error lives for seconds and a lens's for a whole pass, so ten thousand pixels may
 hold three hundred independent ones, and weighed by their count they pull the solution off a good survey and report
 millimetres. How much they really say is seen from whether parts of the flight agree on the cameras as well as they
-claim to. And a circle: a camera believed more is fitted better, and being fitted better is believed more. So the
+claim to. And a circle: a camera of more weight is fitted better, and being fitted better gets more weight. So the
 degrees of freedom that its own pull has used up are counted, and a camera with few is held to what all show together.
 """
 

@@ -1,1 +1,1 @@
-"""Whether a network in force is still true: what raw rays say of each camera."""
+"""Whether a network in force is still true: fault detection and isolation from raw rays, without any filter."""

@@ -1,9 +1,9 @@
 """Has a camera been knocked, has its clock stepped, is its picture frozen? From raw rays against the network.
 
-The hazard is a guard that believes what it guards. A filter bends its target towards a camera that was knocked, and a
+The hazard is a guard that trusts what it guards. A filter bends its target towards a camera that was knocked, and a
 watch on the filter's residuals falls asleep; so no target estimate enters here. Two cameras whose raw rays meet for a
-second are witnesses to a point; a third that should see it and reports a track close by, but not there, is accused.
-Who is accused by most of its witnesses is named, one at a time, because a knocked camera's own testimony is false.
+second are witnesses to a point; a third that should see it, and reports a track close by but not there, has a residual.
+The camera with the strongest evidence of a fault is named, one at a time: as a witness it spoils the others' residuals.
 """
 
 from collections import defaultdict, deque
@@ -14,25 +14,25 @@ from typing import Final
 
 import numpy as np
 
+from calib.guarding.diagnosis import FaultEvidence, Residual, diagnose
 from calib.guarding.meetings import Meetings, attitude_sigma, median_low, meetings
 from calib.guarding.raytracks import RayTrack, RayTracks
-from calib.guarding.testimony import Accusation, Testimony, judge
 from calib.network import Network
 from calib.observations import Frame
 from calib.sighting import CameraView
 
-HEARING_NS: Final = 200_000_000  # between hearings of one pair of witnesses: a twentieth of a core at most
+ROUND_NS: Final = 200_000_000  # between rounds, each of one pair of witnesses: a twentieth of a core at most
 DONE: Final = object()  # what a round that is over gives
-ACCUSED_A_HEARING: Final = 6  # cameras a pair testifies about at once, for the same reason
+CHECKED_A_ROUND: Final = 6  # cameras that a pair is compared with at once, for the same reason
 WATCHED_NS: Final = 1_000_000_000  # of rays looked at: longer, and an old pose speaks with the new
-MIN_SAMPLES: Final = 3  # instants both the witnesses' point and the accused's track must have
+MIN_SAMPLES: Final = 3  # instants that the witnesses' point and the third camera's track must both have
 EDGE_PX: Final = 5.0
-ALL_PAIRS_UP_TO: Final = 10  # cameras; beyond, each testifies with its next three in the network
+ALL_PAIRS_UP_TO: Final = 10  # cameras; beyond, each is a witness with its next three in the network
 NEAR_RAD: Final = 0.05  # 2.9 degrees: what is farther from where it should be is another object
 FROZEN_S: Final = 3.0  # s of identical detections; a hovering drone's jitter in the last digit
 FROZEN_FRAMES: Final = 30
 DISCIPLINED_S: Final = 0.002  # of a clock held by chrony over a local network
-AGREE_PAIRS: Final = 2  # of cameras whose rays meet, at least, before a stored network is believed
+AGREE_PAIRS: Final = 2  # of cameras whose rays meet, at least, before a stored network is accepted
 AGREE_SHARE: Final = 0.5  # of the pairs that saw something at the same time
 AGREE_TIMES: Final = 3  # in a row
 AGREE_EVERY_NS: Final = 300_000_000
@@ -41,7 +41,7 @@ REFUSE_NS: Final = 6_000_000_000  # of rays that do not meet, after which it is 
 
 @dataclass(frozen=True)
 class Finding:
-    """A camera that must not be believed, why, and since when its observations are not to be used."""
+    """A camera at fault, why, and since when its observations are not to be used."""
 
     camera: str
     reason: str
@@ -67,7 +67,7 @@ class Guard:
         self._ignored: set[str] = set()
         self._views: dict[str, CameraView] = {}
         self._since: dict[str, int] = {}
-        self._testimony: defaultdict[str, deque[Testimony]] = defaultdict(lambda: deque(maxlen=400))
+        self._residuals: defaultdict[str, deque[Residual]] = defaultdict(lambda: deque(maxlen=400))
         self._turn = 0
         self._round: Iterator[None] | None = None  # under way, a piece at a time
         self._round_ns = 0
@@ -89,14 +89,14 @@ class Guard:
         self._network, self._candidate, self._round = None, None, None
         self._found.clear()
         self._ignored.clear()
-        self._testimony.clear()
+        self._residuals.clear()
         self.residual_mrad.clear()
 
     def ignore(self, camera: str) -> None:
-        """This camera has been left out; neither believe nor accuse it."""
+        """This camera has been left out; it is neither a witness nor compared."""
         self._ignored.add(camera)
         self._round = None
-        self._testimony.clear()  # testimony together with it was false
+        self._residuals.clear()  # residuals against it as a witness were false
 
     def observe(self, frame: Frame) -> None:
         """Take a frame of any camera."""
@@ -109,16 +109,16 @@ class Guard:
     # Watching
 
     def findings(self, now_unix_ns: int) -> list[Finding]:
-        """Who is guilty now; a round of hearings that is not done by now is finished, and the next begun."""
+        """Which cameras are at fault now; a round that is not done by now is finished, and the next begun."""
         found = [
             Finding(camera, "its picture is frozen", since)
             for camera, (_, since, frames) in self._frozen.items()
             if frames >= FROZEN_FRAMES and now_unix_ns - since > FROZEN_S * 1e9
         ]
-        if abs(now_unix_ns - self._round_ns) >= HEARING_NS:
+        if abs(now_unix_ns - self._round_ns) >= ROUND_NS:
             while self._round is not None:
                 self.work(now_unix_ns)
-            self._round, self._round_ns = self._hearings(), now_unix_ns
+            self._round, self._round_ns = self._one_round(), now_unix_ns
         found += self._found
         self._found = []
         return found
@@ -129,15 +129,15 @@ class Guard:
         if self._round is not None and next(self._round, DONE) is DONE:
             self._round = None
 
-    def _hearings(self) -> Iterator[None]:
-        """A round: one pair of witnesses meets, each other camera is compared, each that was heard is judged."""
+    def _one_round(self) -> Iterator[None]:
+        """A round: one pair of witnesses meets, each other camera is compared, and all residuals are diagnosed."""
         network = self._network
         pairs = [] if network is None else self._witnesses([c.id for c in network.cameras if c.id not in self._ignored])
         if network is None or not pairs:
             return
-        yield from self._hear(network, *pairs[self._turn % len(pairs)])
+        yield from self._check_others(network, *pairs[self._turn % len(pairs)])
         self._turn += 1
-        yield from self._verdict()
+        yield from self._decide()
 
     @staticmethod
     def _witnesses(cameras: list[str]) -> list[tuple[str, str]]:
@@ -145,20 +145,20 @@ class Guard:
             return list(combinations(cameras, 2))
         return [(cameras[k], cameras[(k + n) % len(cameras)]) for k in range(len(cameras)) for n in (1, 2, 3)]
 
-    def _hear(self, network: Network, one: str, other: str) -> Iterator[None]:
+    def _check_others(self, network: Network, one: str, other: str) -> Iterator[None]:
         since_ns = self._now_unix_ns - WATCHED_NS
         met, _ = meetings(network, (one, other), self._tracks, since_ns)
         if met is None:
             return
         self.residual_mrad[one, other] = met.miss_rad * 1e3
         others = [c.id for c in network.cameras if c.id not in {one, other} | self._ignored]
-        for k in range(min(ACCUSED_A_HEARING, len(others))):
+        for k in range(min(CHECKED_A_ROUND, len(others))):
             yield
             camera = others[(self._turn + k) % len(others)]
             tracks = self._tracks.of(network.camera(camera), network, since_ns)
-            self._testify(network, camera, met, tracks, self._now_unix_ns)
+            self._residuals_of(network, camera, met, tracks, self._now_unix_ns)
 
-    def _testify(
+    def _residuals_of(
         self, network: Network, camera_id: str, met: Meetings, tracks: list[RayTrack], now_unix_ns: int
     ) -> None:
         view = self._views[camera_id]
@@ -182,28 +182,28 @@ class Guard:
         for m, n in enumerate(nearest):
             if miss_px[n, m] < NEAR_RAD * focal:
                 velocity = (pixels[m, -1] - pixels[m, 0]) / max(float(met.t_s[m, -1] - met.t_s[m, 0]), 1e-3)
-                said = Testimony(now_unix_ns, median[n, m], velocity, float(noise_px[m]), float(expected_px[m]))
-                self._testimony[camera_id].append(said)
+                residual = Residual(now_unix_ns, median[n, m], velocity, float(noise_px[m]), float(expected_px[m]))
+                self._residuals[camera_id].append(residual)
 
-    def _verdict(self) -> Iterator[None]:
-        """At most one camera a round: the others' testimony is heard afresh without it."""
-        accused: list[tuple[float, str, Accusation]] = []
-        for camera in list(self._testimony):
+    def _decide(self) -> Iterator[None]:
+        """At most one camera a round: the others' residuals are taken afresh without it."""
+        faulty: list[tuple[float, str, FaultEvidence]] = []
+        for camera in list(self._residuals):
             yield
             sigma_s = self.clock_sigma_s.get(camera, DISCIPLINED_S)
-            accusation = judge(self._testimony[camera], self._now_unix_ns, sigma_s)
-            if accusation is not None:
-                accused.append((accusation.strength, camera, accusation))
-        if accused:
-            _, camera, accusation = max(accused, key=lambda entry: entry[:2])
-            since_unix_ns = accusation.since_unix_ns - WATCHED_NS
-            self._found = [Finding(camera, self._reason(camera, accusation), since_unix_ns)]
+            fault = diagnose(self._residuals[camera], self._now_unix_ns, sigma_s)
+            if fault is not None:
+                faulty.append((fault.strength, camera, fault))
+        if faulty:
+            _, camera, fault = max(faulty, key=lambda entry: entry[:2])
+            since_unix_ns = fault.since_unix_ns - WATCHED_NS
+            self._found = [Finding(camera, self._reason(camera, fault), since_unix_ns)]
 
-    def _reason(self, camera: str, accusation: Accusation) -> str:
-        if accusation.clock_s is not None:
-            return f"its clock has stepped by about {-accusation.clock_s * 1e3:.0f} ms"
+    def _reason(self, camera: str, fault: FaultEvidence) -> str:
+        if fault.clock_s is not None:
+            return f"its clock has stepped by about {-fault.clock_s * 1e3:.0f} ms"
         focal = min(self._views[camera].camera.lens.intrinsics[:2])
-        return f"it was knocked: its rays miss by {np.degrees((accusation.knock_px or 0.0) / focal):.2f} degrees"
+        return f"it was knocked: its rays miss by {np.degrees((fault.knock_px or 0.0) / focal):.2f} degrees"
 
     # A stored network
 

@@ -38,10 +38,10 @@ HIGHEST_RATE_HZ: Final = 30.0  # rows beyond it are copies of their neighbours' 
 
 @dataclass(frozen=True)
 class Georeference:
-    """The scaffold's similarity to ENU; cameras whose surveyed position was not believed, and why."""
+    """The scaffold's similarity to ENU; cameras whose surveyed position was rejected as an outlier, and why."""
 
     similarity: Similarity
-    disbelieved: dict[str, str] = field(default_factory=dict)
+    rejected: dict[str, str] = field(default_factory=dict)
 
 
 def georeference(poses: dict[str, Pose], cameras: dict[str, SiteCamera]) -> Georeference:

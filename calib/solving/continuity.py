@@ -1,4 +1,4 @@
-"""A new network told in the time of the one before.
+"""A new network in the time of the one before.
 
 The hazard is the jump nobody ordered. Where no camera knows its UTC, the site's time is that of whichever camera the
 adjustment chose, and the next one, of more cameras, may choose another: everything then flies a third of a second ago,

@@ -14,7 +14,6 @@ from calib.solving.solution import CameraReport
 OFF_BOUND_S: Final = 2e-3  # an offset is worth telling beyond its bound and this: 4 cm at 20 m/s
 OFF_LENS: Final = 0.01  # of the focal length: as much as lens files are usually good for
 SIGNIFICANT: Final = 3.0  # sigmas
-UNDETERMINED: Final = 0.9  # of the prior's sigma: above it the flight has said nothing of the lens
 
 
 def findings(cameras: tuple[CameraReport, ...], sites: dict[str, SiteCamera]) -> tuple[str, ...]:

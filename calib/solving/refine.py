@@ -1,4 +1,4 @@
-"""Adjusting, and judging what came of it: which camera does not belong, which surveyed position is wrong.
+"""Bundle adjustment, and the judging of what came of it: which camera is an outlier, which surveyed position is wrong.
 
 The hazard is the average. A camera with the lens file of another, or a tripod whose position was mistyped, bends
 everything a little and looks fine in the sum. So after each adjustment every camera has to explain its own rows as well
@@ -19,9 +19,9 @@ from calib.adjustment.projection import CAMERA_SIZE, CENTRE, ROTATION
 from calib.adjustment.weights import Weights
 from calib.errors import CalibrationError
 from calib.network import Camera
-from calib.solving.beginning import Beginning
 from calib.solving.bootstrap import first_estimate
-from calib.solving.material import FEWEST_ROWS, Material
+from calib.solving.initial_estimate import InitialEstimate
+from calib.solving.inputs import FEWEST_ROWS, Inputs
 from calib.solving.survey_check import FALSE_ALARM, GAUGE, NetworkCheck, check_survey
 from edge.common.arrays import Array
 
@@ -40,66 +40,67 @@ class Refined:
 
     adjusted: Adjusted
     problem: Problem
-    beginning: Beginning
+    initial: InitialEstimate
     left_out: dict[str, str]
 
 
-def refine(material: Material, beginning: Beginning, knots_s: float, weights: Weights | None = None) -> Refined:
-    """Adjust until nothing is left that does not belong. weights: of an earlier adjustment of the same cameras.
+def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
+    """Bundle adjustment, again and again until nothing is left that does not belong.
 
     Raises CalibrationError if too little is left.
     """
     left_out: dict[str, str] = {}
+    weights: Weights | None = None  # of the round before, while the cameras stay the same
     while True:
-        problem, estimate = _problem(material, beginning, knots_s)
+        problem, estimate = _problem(inputs, initial, knots_s)
         blind = [c.id for c, seen in zip(estimate.cameras, problem.data, strict=True) if len(seen.t_s) < FEWEST_ROWS]
         if blind:
             left_out[blind[0]] = "it hardly ever saw an object that another camera saw at the same time"
-            beginning = _without(beginning, beginning.cameras, blind[0])
+            initial = _without(initial, initial.cameras, blind[0])
             continue
         if weights is None or len(weights.sigma_px) != len(estimate.cameras):
             weights = _first_weights(problem, estimate)
         try:
             adjusted = adjust(problem, estimate, weights)
         except CalibrationError:
-            doubtful = _most_doubtful(beginning)
+            doubtful = _most_doubtful(initial)
             if doubtful is None:
                 raise
             left_out[doubtful] = "with it nothing can be determined: check its lens file, its clock and its frames"
-            beginning, weights = _without(beginning, beginning.cameras, doubtful), None
+            initial, weights = _without(initial, initial.cameras, doubtful), None
             continue
         outcast = _outcast(adjusted, problem)
         if outcast:
             left_out[outcast[0]] = outcast[1]
-            beginning, weights = _without(beginning, adjusted.estimate.cameras, outcast[0]), None
-        elif beginning.gauge is None and (wrong := _wrong_position(adjusted, problem)):
-            disbelieved = {**beginning.disbelieved, wrong[0]: wrong[1]}
-            beginning = replace(beginning, cameras=adjusted.estimate.cameras, disbelieved=disbelieved)
+            initial, weights = _without(initial, adjusted.estimate.cameras, outcast[0]), None
+        elif initial.gauge is None and (wrong := _wrong_position(adjusted, problem)):
+            rejected = {**initial.rejected, wrong[0]: wrong[1]}
+            initial = replace(initial, cameras=adjusted.estimate.cameras, rejected=rejected)
             weights = adjusted.weights
         else:
-            return Refined(adjusted, problem, beginning, left_out)
+            return Refined(adjusted, problem, initial, left_out)
 
 
-def _most_doubtful(beginning: Beginning) -> str | None:
+def _most_doubtful(initial: InitialEstimate) -> str | None:
     """The camera whose first pose explained least, if it is worse than the others and three are left without it."""
-    shares = {camera.id: beginning.shares.get(camera.id, 1.0) for camera in beginning.cameras}
+    shares = {camera.id: initial.shares.get(camera.id, 1.0) for camera in initial.cameras}
     worst = min(sorted(shares), key=lambda name: shares[name])
-    enough = len(shares) > FEWEST_LEFT and worst not in (beginning.gauge or ())
+    enough = len(shares) > FEWEST_LEFT and worst not in (initial.gauge or ())
     return worst if enough and shares[worst] < float(np.median(list(shares.values()))) else None
 
 
-def _problem(material: Material, beginning: Beginning, knots_s: float) -> tuple[Problem, FlightEstimate]:
-    cameras = on_site_time(beginning.cameras, material.sites)
-    priors = camera_priors(cameras, material.sites, frozenset(beginning.disbelieved))
-    if beginning.gauge:
-        priors = _local_gauge(priors, beginning.gauge)
+def _problem(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> tuple[Problem, FlightEstimate]:
+    cameras = on_site_time(initial.cameras, inputs.sites)
+    priors = camera_priors(cameras, inputs.sites, frozenset(initial.rejected))
+    if initial.gauge:
+        priors = _local_gauge(priors, initial.gauge)
     cameras = tuple(map(held, cameras, priors))
     estimate, data = first_estimate(
-        material.scene,
+        inputs.scene,
         cameras,
-        material.tracks,
-        beginning.objects,
-        t_mid=material.t_mid_unix_ns,
+        inputs.tracks,
+        initial.objects,
+        t_mid=inputs.t_mid_unix_ns,
         spacing_s=knots_s,
     )
     return Problem(data, priors), estimate
@@ -124,17 +125,17 @@ def _first_weights(problem: Problem, estimate: FlightEstimate) -> Weights:
     return Weights(sigma, problem.interval_s, 0.0, max(speed, 1e-3) ** 2)
 
 
-def _without(beginning: Beginning, cameras: tuple[Camera, ...], name: str) -> Beginning:
+def _without(initial: InitialEstimate, cameras: tuple[Camera, ...], name: str) -> InitialEstimate:
     """Begin again without a camera. Raises CalibrationError if fewer than two are left, or it held the frame."""
     cameras = tuple(camera for camera in cameras if camera.id != name)
-    if len(cameras) < 2 or name in (beginning.gauge or ()):
+    if len(cameras) < 2 or name in (initial.gauge or ()):
         raise CalibrationError(
             f"{name} does not fit, and without it nothing can be calibrated",
             where="adjustment",
             action=f"check lens file, clock and detector of {name}",
         )
-    objects = {key: number for key, number in beginning.objects.items() if key[0] != name}
-    return replace(beginning, cameras=cameras, objects=objects)
+    objects = {key: number for key, number in initial.objects.items() if key[0] != name}
+    return replace(initial, cameras=cameras, objects=objects)
 
 
 def noise_ray(adjusted: Adjusted) -> Array:
@@ -165,16 +166,16 @@ def _outcast(adjusted: Adjusted, problem: Problem) -> tuple[str, str] | None:
 
 
 def survey_check(adjusted: Adjusted, problem: Problem) -> NetworkCheck | None:
-    """The believed positions against the shape the cameras see; None if fewer than three are believed."""
-    believed = [index for index, prior in enumerate(problem.priors) if prior.centre_information.any()]
-    if 3 * len(believed) <= GAUGE:
+    """The positions in use against the shape the cameras see; None if fewer than three are in use."""
+    used = [index for index, prior in enumerate(problem.priors) if prior.centre_information.any()]
+    if 3 * len(used) <= GAUGE:
         return None
-    at = np.concatenate([CAMERA_SIZE * index + np.arange(CENTRE.start, CENTRE.stop) for index in believed])
+    at = np.concatenate([CAMERA_SIZE * index + np.arange(CENTRE.start, CENTRE.stop) for index in used])
     return check_survey(
-        [adjusted.estimate.cameras[index].id for index in believed],
-        np.array([problem.priors[index].mean.centre_enu for index in believed]),
-        block_diag(*(np.linalg.inv(problem.priors[index].centre_information) for index in believed)),
-        np.array([adjusted.estimate.cameras[index].centre_enu for index in believed]),
+        [adjusted.estimate.cameras[index].id for index in used],
+        np.array([problem.priors[index].mean.centre_enu for index in used]),
+        block_diag(*(np.linalg.inv(problem.priors[index].centre_information) for index in used)),
+        np.array([adjusted.estimate.cameras[index].centre_enu for index in used]),
         adjusted.factor.camera_covariance[np.ix_(at, at)],
     )
 

@@ -1,4 +1,4 @@
-"""The four steps, one call: scaffold, resect, georeference, refine.
+"""A calibration's steps, one call: inputs, initial estimate, bundle adjustment, readmission, solution.
 
 The hazard is a calibration that fails without saying why. Each step may refuse with a reason and a next action; a
 camera that does not fit is left out, named, and tried again once the others are refined, because a lens or a clock that
@@ -14,13 +14,13 @@ from calib.adjustment.uncertainty import camera_covariance
 from calib.errors import CalibrationError
 from calib.network import Network
 from calib.observations import Scene
-from calib.solving.beginning import from_network, from_scaffold
 from calib.solving.clocks import NEAR_S
 from calib.solving.evidence import gather
 from calib.solving.findings import findings
-from calib.solving.material import Material, prepare
+from calib.solving.initial_estimate import from_network, from_scaffold
+from calib.solving.inputs import Inputs, prepare
+from calib.solving.readmit import readmit
 from calib.solving.refine import Refined, refine
-from calib.solving.rejoin import rejoin
 from calib.solving.solution import (
     Solution,
     SolutionReport,
@@ -63,46 +63,46 @@ def solve(scene: Scene, options: SolveOptions = DEFAULTS, start: Network | None 
     observations or the survey do not determine the network.
     """
     lenses = {camera.id: camera.lens for camera in start.cameras} if start else None
-    material = prepare(scene, local=options.local, lenses=lenses)
+    inputs = prepare(scene, local=options.local, lenses=lenses)
     if start:
-        beginning = from_network(material, start)
+        initial = from_network(inputs, start)
     else:
-        beginning = from_scaffold(material, local=options.local, clock_search_s=options.clock_search_s)
-    refined = refine(material, beginning, options.knots_s)
-    refined = _with_late_comers(material, refined, options)
-    return _answer(material, refined, options)
+        initial = from_scaffold(inputs, local=options.local, clock_search_s=options.clock_search_s)
+    refined = refine(inputs, initial, options.knots_s)
+    refined = _readmitted(inputs, refined, options)
+    return _answer(inputs, refined, options)
 
 
-def _with_late_comers(material: Material, refined: Refined, options: SolveOptions) -> Refined:
+def _readmitted(inputs: Inputs, refined: Refined, options: SolveOptions) -> Refined:
     """Cameras that were left out or taken out, each tried once against the refined flight.
 
-    One that comes back has a pose of its own, so what was said against its position for the old one is forgotten.
+    One that comes back has a pose of its own, so a verdict on its position that rested on the old one is dropped.
     """
     tried: set[str] = set()
     while True:
-        objects = dict(refined.beginning.objects)
-        untried = {name: own for name, own in material.tracks.items() if name not in tried}
-        back = rejoin(refined.adjusted.estimate, untried, material.sites, objects)
+        objects = dict(refined.initial.objects)
+        untried = {name: own for name, own in inputs.tracks.items() if name not in tried}
+        back = readmit(refined.adjusted.estimate, untried, inputs.sites, objects)
         if not back:
             return refined
         names = {camera.id for camera in back}
         tried |= names
-        beginning = replace(
-            refined.beginning,
+        initial = replace(
+            refined.initial,
             cameras=tuple(sorted((*refined.adjusted.estimate.cameras, *back), key=lambda camera: camera.id)),
             objects=objects,
-            disbelieved={name: why for name, why in refined.beginning.disbelieved.items() if name not in names},
+            rejected={name: why for name, why in refined.initial.rejected.items() if name not in names},
         )
-        again = refine(material, beginning, options.knots_s)
+        again = refine(inputs, initial, options.knots_s)
         refined = replace(again, left_out={**refined.left_out, **again.left_out})
 
 
-def _answer(material: Material, refined: Refined, options: SolveOptions) -> Solution:
-    adjusted, problem, scene = refined.adjusted, refined.problem, material.scene
-    network = network_of(adjusted, problem, scene.site, scene.origin, material.t_mid_unix_ns)
-    trajectory = trajectory_of(adjusted, problem, material.t_mid_unix_ns)
+def _answer(inputs: Inputs, refined: Refined, options: SolveOptions) -> Solution:
+    adjusted, problem, scene = refined.adjusted, refined.problem, inputs.scene
+    network = network_of(adjusted, problem, scene.site, scene.origin, inputs.t_mid_unix_ns)
+    trajectory = trajectory_of(adjusted, problem, inputs.t_mid_unix_ns)
     _refuse_absurd(network, trajectory)
-    return Solution(network, trajectory, _report(material, refined, evidence=options.evidence))
+    return Solution(network, trajectory, _report(inputs, refined, evidence=options.evidence))
 
 
 def _refuse_absurd(network: Network, trajectory: Trajectory) -> None:
@@ -120,16 +120,16 @@ def _refuse_absurd(network: Network, trajectory: Trajectory) -> None:
         )
 
 
-def _report(material: Material, refined: Refined, *, evidence: bool) -> SolutionReport:
+def _report(inputs: Inputs, refined: Refined, *, evidence: bool) -> SolutionReport:
     adjusted, problem = refined.adjusted, refined.problem
-    surveyed = {name: site.position_enu for name, site in material.sites.items() if site.position_enu is not None}
-    cameras = camera_reports(adjusted, problem, surveyed, {name: site.lens for name, site in material.sites.items()})
+    surveyed = {name: site.position_enu for name, site in inputs.sites.items() if site.position_enu is not None}
+    cameras = camera_reports(adjusted, problem, surveyed, {name: site.lens for name, site in inputs.sites.items()})
     misfits = np.array([camera.survey_misfit_m for camera in cameras if camera.survey_misfit_m is not None])
     name, sigma, direction = weakest(adjusted, problem)
     return SolutionReport(
         cameras=cameras,
-        left_out=_left_out(material, refined, {camera.id for camera in cameras}),
-        findings=(*dict.fromkeys(refined.beginning.disbelieved.values()), *findings(cameras, material.sites)),
+        left_out=_left_out(inputs, refined, {camera.id for camera in cameras}),
+        findings=(*dict.fromkeys(refined.initial.rejected.values()), *findings(cameras, inputs.sites)),
         rms_px=rms_px(adjusted, problem),
         survey_rms_m=float(np.sqrt((misfits**2).sum(1).mean())) if len(misfits) else None,
         rounds=adjusted.rounds,
@@ -142,9 +142,9 @@ def _report(material: Material, refined: Refined, *, evidence: bool) -> Solution
     )
 
 
-def _left_out(material: Material, refined: Refined, present: set[str]) -> tuple[tuple[str, str], ...]:
+def _left_out(inputs: Inputs, refined: Refined, present: set[str]) -> tuple[tuple[str, str], ...]:
     """Every camera of the site that is not in the network, and why."""
     unfit = "no pose explains its track: check its clock, its lens file and what it detects"
-    reasons = {name: unfit for name in material.sites if name not in present}
-    reasons |= {name: why for name, why in {**material.left_out, **refined.left_out}.items() if name in reasons}
+    reasons = {name: unfit for name in inputs.sites if name not in present}
+    reasons |= {name: why for name, why in {**inputs.left_out, **refined.left_out}.items() if name in reasons}
     return tuple(sorted(reasons.items()))

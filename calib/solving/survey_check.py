@@ -1,4 +1,4 @@
-"""The survey against the cameras: which surveyed position is wrong, told from what the cameras themselves saw.
+"""The survey against the cameras: which surveyed position is an outlier, by what the cameras themselves saw.
 
 The hazard is a false fix that every test of the receiver's has passed. It stands still, it repeats, and it bends the
 whole network. But the cameras know the network's shape without any survey, up to place, heading, tilt and scale. The

@@ -1,4 +1,4 @@
-"""Which detection is which target: gated, and optimal over all of them at once.
+"""Data association: which detection is which target, by gating and global nearest neighbour over all of them at once.
 
 The hazard is greed. Two objects that cross are each nearest to the other's detection for a moment; giving each
 detection to its nearest target swaps them; giving all detections to all targets at the least total cost mostly
@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from edge.common.arrays import Array
 
-GATE: Final = 16.0  # squared normalised distance, 2 degrees of freedom: 3 true ones in 10 000 fall outside
+GATE: Final = 16.0  # squared Mahalanobis distance, 2 degrees of freedom: 3 true ones in 10 000 fall outside
 
 
 def assign(cost: Array, limit: float | Array = GATE) -> list[tuple[int, int]]:

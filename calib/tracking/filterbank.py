@@ -1,4 +1,4 @@
-"""The filters of all targets, as one: every step works on all of them at once.
+"""The Kalman filters of all targets, as one: every step works on all of them at once.
 
 The hazard is a covariance that shrinks where knowledge does not. A thousand rays of one camera do not average away
 that the camera points 0.1 degrees wrong: all are wrong together, and so are those of the other cameras that were
@@ -6,7 +6,8 @@ calibrated with it. This is a Schmidt-Kalman filter (Schmidt 1966): the poses ar
 state's error hangs together with theirs is carried along, so that what rays share never averages away. When the
 network is exchanged, the same correlation says how each state moves with it, and tracking goes on without a jump.
 
-A ray that comes late updates the state where it stands, by way of the state taken back to the ray's own time. One that
+An out-of-sequence measurement updates the state where it stands, by way of the state taken back to the ray's own time
+(Bar-Shalom 2002). One that
 moves its target far, as the second camera does after a stretch with one alone, is linearised again where it moved it to
 (Bell and Cathey 1993): a straight line drawn through the wrong point ends in a sure and false position.
 """
@@ -23,10 +24,10 @@ from calib.sighting import CameraView, Sighting
 from calib.tracking.motion import STATE, Singer
 from edge.common.arrays import Array
 
-VIGOUR: Final = (0.02, 4.0)  # of a target: a balloon to a hawk, against the motion model's variance
-AWAKES_S: Final = 0.5  # s: how soon a target that begins to turn is believed
+MANOEUVRE_FACTORS: Final = (0.02, 4.0)  # of a target: a balloon to a hawk, against the motion model's variance
+AWAKES_S: Final = 0.5  # s: how soon a target that begins to turn is taken at its word
 CALMS_S: Final = 2.0  # s: how long one that flies straight is still expected to turn; longer, and sigma is too wide
-UNWATCHED: Final = 1.0  # least vigour of a target whose range nobody measures: no camera would see it turn
+UNWATCHED: Final = 1.0  # least factor of a target whose range nobody measures: no camera would see it turn
 FAR: Final = 0.01  # of the range: a step beyond which a pixel no longer follows its tangent, 0.1 px at f = 1000
 LOOKS: Final = 4  # linearisations at most
 
@@ -131,7 +132,7 @@ class _Before:
 class FilterBank:
     """States (N, 9), covariances (N, 9, 9), covariances with the poses (N, 9, 6 C) and times (N,) of all targets.
 
-    vigour: (N,) variance of each target's acceleration against the motion model's, learnt from its own flight.
+    manoeuvre_factor: (N,) variance of each target's acceleration against the motion model's, learnt from its flight.
     watched: (N,) whether two cameras look at it now, so that its range is measured.
     """
 
@@ -141,7 +142,7 @@ class FilterBank:
     covariance: Array = field(default_factory=lambda: np.empty((0, STATE, STATE)))
     with_poses: Array = field(init=False)
     t_s: Array = field(default_factory=lambda: np.empty(0))
-    vigour: Array = field(default_factory=lambda: np.empty(0))
+    manoeuvre_factor: Array = field(default_factory=lambda: np.empty(0))
     watched: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
 
     def __post_init__(self) -> None:
@@ -151,16 +152,16 @@ class FilterBank:
         return len(self.t_s)
 
     @property
-    def expected_vigour(self) -> Array:
+    def expected_manoeuvre_factor(self) -> Array:
         """(N,) what to expect of each target's acceleration: what it showed, unless nobody would see it change."""
-        return np.where(self.watched, self.vigour, np.maximum(self.vigour, UNWATCHED))
+        return np.where(self.watched, self.manoeuvre_factor, np.maximum(self.manoeuvre_factor, UNWATCHED))
 
     def watch(self, cameras: NDArray[np.intp]) -> None:
         """Say how many cameras (N,) look at each target; one that only one goes on seeing may already be turning."""
         watched = cameras >= 2
         left = self.watched & (cameras == 1)
         if left.any():
-            calm = np.maximum(UNWATCHED - self.vigour, 0.0) * left * self.motion.sigma_m_s2**2
+            calm = np.maximum(UNWATCHED - self.manoeuvre_factor, 0.0) * left * self.motion.sigma_m_s2**2
             self.covariance[:, [6, 7, 8], [6, 7, 8]] += calm[:, None]
         self.watched = watched
 
@@ -170,14 +171,14 @@ class FilterBank:
         self.covariance = np.concatenate([self.covariance, covariance[None]])
         self.with_poses = np.concatenate([self.with_poses, with_poses[None]])
         self.t_s = np.append(self.t_s, t_s)
-        self.vigour = np.append(self.vigour, 1.0)
+        self.manoeuvre_factor = np.append(self.manoeuvre_factor, 1.0)
         self.watched = np.append(self.watched, True)
 
     def keep(self, which: NDArray[np.bool_]) -> None:
         """Forget all targets but those of a boolean mask (N,)."""
         self.state, self.covariance = self.state[which], self.covariance[which]
         self.with_poses, self.t_s = self.with_poses[which], self.t_s[which]
-        self.vigour, self.watched = self.vigour[which], self.watched[which]
+        self.manoeuvre_factor, self.watched = self.manoeuvre_factor[which], self.watched[which]
 
     def predict(self, t_s: float) -> PredictedStates:
         """All states at t_s, which may lie a little before them."""
@@ -186,7 +187,7 @@ class FilterBank:
         state = np.matmul(F, self.state[:, :, None])[:, :, 0]
         half = np.matmul(F, self.covariance)
         covariance = np.matmul(half, F.transpose(0, 2, 1))
-        covariance += self.motion.noise(dt_s) * self.expected_vigour[:, None, None]
+        covariance += self.motion.noise(dt_s) * self.expected_manoeuvre_factor[:, None, None]
         if (dt_s >= 0).all():
             now = np.full(len(self), t_s)
             return PredictedStates(F, state, covariance, F, now, state, covariance, covariance)
@@ -217,7 +218,7 @@ class FilterBank:
     def update(self, prediction: PredictedStates, which: NDArray[np.intp], look: "Look") -> Array:
         """Let targets `which` (K,) take one ray each.
 
-        Returns each one's squared normalised innovation (K,), 2 degrees of freedom.
+        Returns each one's normalised innovation squared (NIS) (K,), 2 degrees of freedom.
         """
         at = slice(POSE_SIZE * look.camera, POSE_SIZE * (look.camera + 1))
         transition, with_pose = prediction.transition[which], self.with_poses[which, :, at]
@@ -228,7 +229,7 @@ class FilterBank:
             self.network.covariance[at, at],
         )
         line = before.linearised(look.sighting, look.rays)
-        distance2: Array = np.einsum("ni,nij,nj->n", line.innovation, line.inverse, line.innovation)
+        mahalanobis2: Array = np.einsum("ni,nij,nj->n", line.innovation, line.inverse, line.innovation)
         for _ in range(1, LOOKS):
             after = before.state + np.matmul(line.gain_there, line.innovation[:, :, None])[:, :, 0]
             if not before.far(line, after, look.view.camera.centre_enu):
@@ -238,7 +239,7 @@ class FilterBank:
                 break
             line = before.linearised(again, look.rays, after)
         self._take(prediction, which, line, at)
-        return distance2
+        return mahalanobis2
 
     def _take(self, prediction: PredictedStates, which: NDArray[np.intp], line: _Line, at: slice) -> None:
         passed_s = prediction.base_t_s[which] - self.t_s[which]
@@ -263,9 +264,11 @@ class FilterBank:
         covariance = self.covariance[which]
         variance = covariance[:, 6, 6] + covariance[:, 7, 7] + covariance[:, 8, 8]
         acceleration = np.einsum("ni,ni->n", self.state[which, 6:], self.state[which, 6:]) + variance
-        seen = np.minimum(np.maximum(acceleration / (3 * self.motion.sigma_m_s2**2), VIGOUR[0]), VIGOUR[1])
-        memory_s = np.where(seen > self.vigour[which], AWAKES_S, CALMS_S)
-        self.vigour[which] += (seen - self.vigour[which]) * np.minimum(passed_s / memory_s, 1.0)
+        seen = np.minimum(
+            np.maximum(acceleration / (3 * self.motion.sigma_m_s2**2), MANOEUVRE_FACTORS[0]), MANOEUVRE_FACTORS[1]
+        )
+        memory_s = np.where(seen > self.manoeuvre_factor[which], AWAKES_S, CALMS_S)
+        self.manoeuvre_factor[which] += (seen - self.manoeuvre_factor[which]) * np.minimum(passed_s / memory_s, 1.0)
 
     def exchange(self, network: Network) -> None:
         """Go on with another network: states move as their errors hang together with the poses that changed."""

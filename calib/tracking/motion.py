@@ -1,6 +1,6 @@
-"""How an object may move between two looks at it: Singer's model of a manoeuvring target (1970).
+"""The motion model and its process noise: how an object may move between two looks at it, after Singer (1970).
 
-The hazard is coasting. With white jerk an acceleration once estimated is believed for ever, and two seconds without a
+The hazard is coasting. With white jerk an acceleration once estimated lasts for ever, and two seconds without a
 measurement throw a turning target off the map; here acceleration dies away with a time constant, so that a coasting
 target slows its turn and its uncertainty grows as fast as a real pilot can prove us wrong, not faster.
 
@@ -35,7 +35,7 @@ class Singer:
         return _per_axis(F)
 
     def noise(self, dt_s: Array) -> Array:
-        """(N, 9, 9) covariances of what happens by surprise within dt_s (N,), also for steps back in time."""
+        """(N, 9, 9) covariances of the process noise within dt_s (N,), also for steps back in time."""
         dt_s = np.asarray(dt_s, float)
         at = self._response(dt_s[:, None] * ((NODES + 1) / 2))
         density = 2 * self.sigma_m_s2**2 / self.tau_s  # of the white noise that keeps the acceleration at sigma

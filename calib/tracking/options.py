@@ -1,4 +1,4 @@
-"""What a tracker may be told: the one home of its defaults, which the station's configuration shows.
+"""What a tracker can be set to: the one home of its defaults, which the station's configuration shows.
 
 Kept apart from the tracker, so that a configuration can be read without the filter being loaded.
 """
@@ -21,7 +21,7 @@ class Limits:
 class TrackerOptions:
     """How targets are followed; the station's configuration has keys of the same names under [tracking]."""
 
-    reorder_horizon_s: float = 0.5  # a ray may come so late and still count
+    reorder_horizon_s: float = 0.5  # an out-of-sequence measurement may be so late and still count
     coast_s: float = 2.5  # without a measurement for so long a target is lost
     max_sigma_m: float = 6.0  # of position, one sigma, largest axis: more is no use to anybody
     motion: Singer = field(default_factory=Singer)

@@ -1,4 +1,4 @@
-"""What a camera's pixels get wrong for seconds on end, told to the live filter as a pointing error of its own.
+"""What a camera's pixels get wrong for seconds on end, given to the live filter as a pointing error of its own.
 
 The hazard is the filter that averages what does not average. A lens model's error moves with the object through the
 picture, a detector prefers one end of it: thirty rows a second then say as much as one, and a filter that counts all

@@ -1,9 +1,9 @@
-"""Targets from rays: which detection is which object, and where each object is, with a true covariance.
+"""Multiple-target tracking from rays: which detection is which object, and where each is, with a true covariance.
 
 A measurement is one camera's pixel at that pixel's own exposure time: nothing is interpolated and no two cameras need
-fire together. The hazards are two. A target that is not there: so newborns stay tentative until two cameras have seen
-them for a while and no camera that should see them denies them. And a target that is not where it is said to be: so a
-target nobody has seen for a while coasts, with a covariance that grows, and is then declared lost, once and for all.
+fire together. The hazards are two. A target that is not there: so new tracks stay tentative until two cameras have seen
+them for a while and no camera that should see them denies them. And a target that is not where it is reported to be: so
+a target nobody has seen for a while coasts, with a covariance that grows, and is then deleted, once and for all.
 
 Time here is site time: seconds since the network's own epoch. The caller says what "now" is.
 """
@@ -21,15 +21,15 @@ from calib.network import Network
 from calib.observations import Frame
 from calib.sighting import CameraView
 from calib.tracking.association import GATE, assign
-from calib.tracking.belief import AssociationEvidence, Beliefs
-from calib.tracking.birth import WINDOW_S, births
 from calib.tracking.filterbank import Expected, FilterBank, Look, Rays
+from calib.tracking.initiation import WINDOW_S, initiate
 from calib.tracking.options import TrackerOptions
 from calib.tracking.pixelbias import with_bias
-from calib.tracking.tracklets import LooseRay, Newborn, tracklets
+from calib.tracking.track_scores import AssociationEvidence, TrackScores
+from calib.tracking.tracklets import LooseRay, NewTrack, tracklets
 from edge.common.arrays import Array
 
-SCAN_S: Final = 0.1  # s between searches for newborns
+SCAN_S: Final = 0.1  # s between searches for new tracks
 LOOSE_RAYS: Final = 4000  # kept at most; a detector in flood must not slow the loop
 COASTS_AFTER_S: Final = 0.5  # s without a measurement: several frames of the slowest camera
 EDGE_PX: Final = 12.0  # a target so near the image's edge may be half outside: not seeing it proves nothing
@@ -71,7 +71,7 @@ class Tracker:
     def __init__(self, network: Network, options: TrackerOptions | None = None, first_track: int = 1) -> None:
         self._options = options or TrackerOptions()
         self._bank = FilterBank(with_bias(network), self._options.motion)
-        self._beliefs = Beliefs(len(network.cameras))
+        self._scores = TrackScores(len(network.cameras))
         self._loose: deque[LooseRay] = deque(maxlen=LOOSE_RAYS)
         self._next_track = first_track
         self._newest_s = -np.inf
@@ -108,7 +108,7 @@ class Tracker:
         shift_s = (self.network.t_mid_unix_ns - network.t_mid_unix_ns) * 1e-9
         kept = [self._number.get(camera.id, -1) for camera in network.cameras]
         self._bank.exchange(with_bias(network))
-        self._beliefs.exchange(kept, shift_s)
+        self._scores.exchange(kept, shift_s)
         self._newest_s += shift_s
         self._scanned_s += shift_s
         self._loose.clear()
@@ -147,7 +147,7 @@ class Tracker:
         taken = np.zeros(len(rays.pixels), bool)
         if not len(self._bank):
             return taken, []
-        self._bank.watch(self._beliefs.watching(t_s))
+        self._bank.watch(self._scores.watching(t_s))
         prediction = self._bank.predict(t_s)
         sighting = self._views[number].sight(prediction.state[:, :3])
         expected = self._bank.expect(prediction, sighting, number)
@@ -157,13 +157,13 @@ class Tracker:
         if pairs:
             chosen = rays.chosen(detection)
             look = Look(number, self._views[number], sighting.chosen(which), chosen)
-            distance2 = self._bank.update(prediction, which, look)
-            gain = odds[which, detection] - distance2 / 2
-            self._beliefs.hit(number, which, t_s, AssociationEvidence(label[detection], gain, distance2))
+            mahalanobis2 = self._bank.update(prediction, which, look)
+            gain = odds[which, detection] - mahalanobis2 / 2
+            self._scores.hit(number, which, t_s, AssociationEvidence(label[detection], gain, mahalanobis2))
             taken[detection] = True
             due[which] = False
-        self._beliefs.miss(number, np.nonzero(due)[0], MISSED)
-        return taken, [self._beliefs.track[k] for k in which]
+        self._scores.miss(number, np.nonzero(due)[0], MISSED)
+        return taken, [self._scores.track[k] for k in which]
 
     def _odds(self, number: int, determinant: Array) -> Array:
         """Log-likelihood ratio of a detection right where a target is expected, against clutter."""
@@ -187,13 +187,13 @@ class Tracker:
         noise = rays.sigma_px[None] ** 2
         a, b, d = S[:, 0, 0][:, None] + noise, S[:, 0, 1][:, None], S[:, 1, 1][:, None] + noise
         determinant = a * d - b * b
-        distance2 = (d * x * x - 2 * b * x * y + a * y * y) / determinant
+        mahalanobis2 = (d * x * x - 2 * b * x * y + a * y * y) / determinant
         odds = self._odds(number, determinant)
         worth = 2 * (odds - MISSED)
-        cost = np.where(valid[:, None] & (distance2 < GATE), distance2 - np.minimum(worth, GATE), 0.0)
-        same = (self._beliefs.label[:, number, None] == label[None]) & (label[None] > 0)
+        cost = np.where(valid[:, None] & (mahalanobis2 < GATE), mahalanobis2 - np.minimum(worth, GATE), 0.0)
+        same = (self._scores.label[:, number, None] == label[None]) & (label[None] > 0)
         cost = np.where(same & (cost < 0), cost - SAME_LABEL_BONUS, cost)
-        confirmed = self._beliefs.confirmed
+        confirmed = self._scores.confirmed
         if confirmed.all() or not confirmed.any():
             return assign(cost, 0.0), odds
         first = assign(np.where(confirmed[:, None], cost, 0.0), 0.0)
@@ -201,48 +201,48 @@ class Tracker:
         return first + assign(np.where(confirmed[:, None], 0.0, cost), 0.0), odds
 
     def advance(self, now_s: float) -> list[TargetEstimate]:
-        """Let time pass: births, confirmations, losses. Returns the last estimates of targets lost now."""
+        """Let time pass: track initiation, confirmation, deletion. Returns the final estimates of targets lost now."""
         if now_s - self._scanned_s < SCAN_S:
             return []
         self._scanned_s = now_s
-        self._give_birth(now_s)
-        self._beliefs.confirm()
-        self._beliefs.doubt(now_s)
-        return self._bury(now_s)
+        self._initiate_tracks(now_s)
+        self._scores.confirm()
+        self._scores.hold_back_unseen(now_s)
+        return self._delete_tracks(now_s)
 
-    def _give_birth(self, now_s: float) -> None:
+    def _initiate_tracks(self, now_s: float) -> None:
         while self._loose and self._loose[0].t_s < now_s - WINDOW_S:
             self._loose.popleft()
         if len(self._loose) < 2:
             return
         found = tracklets(self._loose, self._bank.network, now_s)
-        newborns = births(found, self._bank.network, self._options.motion, self._options.limits, now_s)
-        for newborn in newborns:
-            self._add(newborn)
-        used = {member for newborn in newborns for member in newborn.seen_by}
+        initiated = initiate(found, self._bank.network, self._options.motion, self._options.limits, now_s)
+        for new in initiated:
+            self._add(new)
+        used = {member for new in initiated for member in new.seen_by}
         if used:
             self._loose = deque((r for r in self._loose if (r.camera, r.label) not in used), maxlen=LOOSE_RAYS)
 
-    def _add(self, newborn: Newborn) -> None:
-        self._bank.add(newborn.state, newborn.covariance, newborn.with_poses, newborn.t_s)
-        self._beliefs.add(self._next_track, newborn.t_s, newborn.seen_by)
+    def _add(self, new: NewTrack) -> None:
+        self._bank.add(new.state, new.covariance, new.with_poses, new.t_s)
+        self._scores.add(self._next_track, new.t_s, new.seen_by)
         self._next_track += 1
         self.counters["born"] += 1
 
-    def _bury(self, now_s: float) -> list[TargetEstimate]:
-        silent_s = now_s - self._beliefs.last_s
+    def _delete_tracks(self, now_s: float) -> list[TargetEstimate]:
+        silent_s = now_s - self._scores.last_s
         sigma_m = np.sqrt(np.abs(np.linalg.eigvalsh(self._bank.covariance[:, :3, :3])[:, -1])) if len(self._bank) else 0
-        confirmed = self._beliefs.confirmed
-        dead = silent_s > np.where(confirmed, self._options.coast_s, TENTATIVE_S)
-        dead |= (sigma_m > self._options.max_sigma_m) | self._beliefs.denied
-        dead |= np.linalg.norm(self._bank.state[:, 3:6], axis=1) > 1.5 * self._options.limits.max_speed_m_s
-        dead |= self._twins()
-        if not dead.any():
+        confirmed = self._scores.confirmed
+        deleted = silent_s > np.where(confirmed, self._options.coast_s, TENTATIVE_S)
+        deleted |= (sigma_m > self._options.max_sigma_m) | self._scores.denied
+        deleted |= np.linalg.norm(self._bank.state[:, 3:6], axis=1) > 1.5 * self._options.limits.max_speed_m_s
+        deleted |= self._twins()
+        if not deleted.any():
             return []
-        lost = [self._estimate(k, now_s, TargetState.LOST) for k in np.nonzero(dead & confirmed)[0].tolist()]
+        lost = [self._estimate(k, now_s, TargetState.LOST) for k in np.nonzero(deleted & confirmed)[0].tolist()]
         self.counters["lost"] += len(lost)
-        self._bank.keep(~dead)
-        self._beliefs.keep(~dead)
+        self._bank.keep(~deleted)
+        self._scores.keep(~deleted)
         return lost
 
     def _twins(self) -> NDArray[np.bool_]:
@@ -255,35 +255,35 @@ class Tracker:
             for j in np.nonzero(near & ~twin[:k])[0]:
                 P = self._bank.covariance[j, :6, :6] + self._bank.covariance[k, :6, :6]
                 both = np.concatenate([apart[j], self._bank.state[j, 3:6] - self._bank.state[k, 3:6]])
-                twin[k] |= bool(both @ np.linalg.solve(P, both) < TWIN_SIGMA2 and self._beliefs.rivals(int(j), k))
+                twin[k] |= bool(both @ np.linalg.solve(P, both) < TWIN_SIGMA2 and self._scores.rivals(int(j), k))
         return twin
 
     def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[TargetEstimate]:
         """All targets that are confirmed (or those of `tracks`), each at the time of its last measurement."""
         chosen = [
             k
-            for k in np.nonzero(self._beliefs.confirmed)[0].tolist()
-            if tracks is None or self._beliefs.track[k] in tracks
+            for k in np.nonzero(self._scores.confirmed)[0].tolist()
+            if tracks is None or self._scores.track[k] in tracks
         ]
         return [self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen]
 
     def predicted(self, now_s: float) -> list[TargetEstimate]:
         """All targets that are confirmed, each taken to now, on or back, with what that adds to its covariance."""
-        chosen = np.nonzero(self._beliefs.confirmed)[0].tolist()
+        chosen = np.nonzero(self._scores.confirmed)[0].tolist()
         return [self._estimate(k, now_s, self._state_of(k, now_s), moved_on=True) for k in chosen]
 
     @property
     def confirmed(self) -> int:
         """How many targets are confirmed or coasting."""
-        return int(np.count_nonzero(self._beliefs.confirmed))
+        return int(np.count_nonzero(self._scores.confirmed))
 
     @property
     def tentative(self) -> int:
         """How many targets are tentative."""
-        return int(np.count_nonzero(~self._beliefs.confirmed))
+        return int(np.count_nonzero(~self._scores.confirmed))
 
     def _state_of(self, k: int, now_s: float) -> TargetState:
-        return TargetState.COASTING if now_s - self._beliefs.last_s[k] > COASTS_AFTER_S else TargetState.CONFIRMED
+        return TargetState.COASTING if now_s - self._scores.last_s[k] > COASTS_AFTER_S else TargetState.CONFIRMED
 
     def _estimate(self, k: int, now_s: float, state: TargetState, *, moved_on: bool = False) -> TargetEstimate:
         x, P, t_s = self._bank.state[k], self._bank.covariance[k], float(self._bank.t_s[k])
@@ -293,17 +293,17 @@ class Tracker:
         if dt_s != 0:
             motion = self._options.motion
             F = motion.transition(np.array([dt_s]))[0]
-            surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_vigour[k]
+            surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_manoeuvre_factor[k]
             x, P, t_s = F @ x, F @ P @ F.T + surprise, t_s + dt_s
-        seen = self._beliefs.seen_by(k)
+        seen = self._scores.seen_by(k)
         return TargetEstimate(
-            track=self._beliefs.track[k],
+            track=self._scores.track[k],
             state=state,
             t_unix_ns=self.network.t_mid_unix_ns + round(t_s * 1e9),
             position_enu=x[:3].copy(),
             velocity_enu=x[3:6].copy(),
             covariance=P[:6, :6].copy(),
             cameras=tuple(self.network.cameras[c].id for c in seen),
-            age_s=max(0.0, t_s - float(self._beliefs.last_s[k])),
-            quality=self._beliefs.quality(k),
+            age_s=max(0.0, t_s - float(self._scores.last_s[k])),
+            quality=self._scores.quality(k),
         )

@@ -1,7 +1,8 @@
 """Short tracks of one camera, and the straight flights that several of them may be.
 
-The hazard is overconfidence at birth: a flight fitted through a second of rays is pulled by every camera's pointing
-error at once. So a newborn's covariance holds the calibration's too, and how the two hang together goes on with it.
+The hazard is overconfidence at initiation: a flight fitted through a second of rays is pulled by every camera's
+pointing error at once. So a new track's covariance holds the calibration's too, and how the two hang together goes on
+with it.
 """
 
 from collections import defaultdict
@@ -57,7 +58,7 @@ class Tracklet:
 
 
 @dataclass(frozen=True)
-class Newborn:
+class NewTrack:
     """A tentative target: state (9,), covariance (9, 9), with the poses (9, 6 C), time; who saw it (camera, label)."""
 
     state: Array
@@ -106,7 +107,7 @@ class _Rays:
     after_s: Array
 
 
-def straight_flight(members: Sequence[Tracklet], network: Network, motion: Singer, limits: Limits) -> Newborn | None:
+def straight_flight(members: Sequence[Tracklet], network: Network, motion: Singer, limits: Limits) -> NewTrack | None:
     """The straight flight through the members' rays, or None if there is none that could be a target."""
     if len(members) < 2:
         return None
@@ -133,7 +134,7 @@ def straight_flight(members: Sequence[Tracklet], network: Network, motion: Singe
     by_pose = _by_pose(rays, network, weight, range_m)
     covariance, with_poses = _covariance(design, by_pose, network, motion)
     seen_by = tuple((member.camera, member.label) for member in members)
-    return Newborn(np.concatenate([flight, np.zeros(3)]), covariance, with_poses, mid_s, seen_by)
+    return NewTrack(np.concatenate([flight, np.zeros(3)]), covariance, with_poses, mid_s, seen_by)
 
 
 def _rays(members: Sequence[Tracklet], network: Network, after_s: Array) -> _Rays:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import calib.guarding.monitor
-from calib.guarding import testimony
+from calib.guarding.diagnosis import Residual, diagnose
 from calib.guarding.monitor import Guard
-from calib.guarding.testimony import judge
 from tools.bench.station_guard import FAULTS, faulty_frames, watch
 from tools.doubles.flight import T0_UNIX_NS, Spec, frames, make
 
@@ -60,7 +59,7 @@ def test_the_guard_asks_no_estimate() -> None:
 
 
 @pytest.mark.parametrize("right", [True, False])
-def test_a_stored_network_is_believed_only_if_rays_agree(right: bool) -> None:
+def test_a_stored_network_is_accepted_only_if_rays_agree(right: bool) -> None:
     scene = make(replace(SPEC, duration_s=8.0))
     other = make(replace(SPEC, seed=9)).network
     guard, verdict = Guard(), None
@@ -71,20 +70,19 @@ def test_a_stored_network_is_believed_only_if_rays_agree(right: bool) -> None:
     assert verdict is right
 
 
-def test_noise_alone_is_never_guilty_and_a_knock_beyond_the_expected_always() -> None:
+def test_noise_alone_is_no_fault_and_a_knock_beyond_the_expected_always() -> None:
     rng = np.random.default_rng(1)
 
-    def heard(off: tuple[float, float], expected_px: float) -> list[testimony.Testimony]:
+    def residuals(off: tuple[float, float], expected_px: float) -> list[Residual]:
         velocity = rng.normal(0, 30, (20, 2))
         return [
-            testimony.Testimony(T0_UNIX_NS + k * 10**8, rng.normal(off, 1.0), velocity[k], 1.0, expected_px)
-            for k in range(20)
+            Residual(T0_UNIX_NS + k * 10**8, rng.normal(off, 1.0), velocity[k], 1.0, expected_px) for k in range(20)
         ]
 
     now = T0_UNIX_NS + 2 * 10**9
-    assert judge(heard((0, 0), 0.5), now) is None
-    assert judge(heard((5, 3), 2.0), now) is None, "that much is expected"
-    guilty = judge(heard((8, 3), 0.5), now)
-    assert guilty is not None
-    assert guilty.knock_px == pytest.approx(np.hypot(8, 3), abs=1.0)
-    assert judge(heard((8, 3), 0.5)[:4], now) is None, "four testimonies are not enough"
+    assert diagnose(residuals((0, 0), 0.5), now) is None
+    assert diagnose(residuals((5, 3), 2.0), now) is None, "that much is expected"
+    fault = diagnose(residuals((8, 3), 0.5), now)
+    assert fault is not None
+    assert fault.knock_px == pytest.approx(np.hypot(8, 3), abs=1.0)
+    assert diagnose(residuals((8, 3), 0.5)[:4], now) is None, "four residuals are not enough"

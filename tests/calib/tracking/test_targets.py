@@ -13,10 +13,10 @@ from scipy.stats import chi2
 from calib.observations import Frame
 from calib.sighting import CameraView
 from calib.tracking.association import assign
-from calib.tracking.belief import AssociationEvidence, Beliefs
 from calib.tracking.filterbank import FilterBank, Look, Rays
 from calib.tracking.motion import Singer
 from calib.tracking.targets import TargetEstimate, TargetState, Tracker
+from calib.tracking.track_scores import AssociationEvidence, TrackScores
 from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make, perturbed, rotation
 
 SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=6.0)
@@ -277,7 +277,7 @@ def test_a_filter_that_only_predicts_stays_a_covariance() -> None:
 def test_the_second_camera_that_finds_a_target_again_tells_where_it_is_and_how_surely() -> None:
     """One camera alone leaves the range open; a tangent at a range metres off would end in a sure and false place."""
     scene = make(replace(SPEC, sigma_attitude_rad=0.0, sigma_centre_m=0.0))
-    cameras, distances2 = scene.network.cameras, []
+    cameras, mahalanobis2s = scene.network.cameras, []
     rng = np.random.default_rng(7)
     for _ in range(100):
         truth = np.array([*rng.uniform(-20, 20, 2), rng.uniform(20, 40)])
@@ -293,16 +293,16 @@ def test_the_second_camera_that_finds_a_target_again_tells_where_it_is_and_how_s
         rays = Rays(pixel, np.zeros(1), np.full(1, 0.5))
         bank.update(prediction, np.array([0]), Look(1, view, view.sight(prediction.state[:, :3]), rays))
         miss = bank.state[0, :3] - truth
-        distances2.append(float(miss @ np.linalg.solve(bank.covariance[0, :3, :3], miss)))
+        mahalanobis2s.append(float(miss @ np.linalg.solve(bank.covariance[0, :3, :3], miss)))
     # 3 expected; the mean of 100 lies below 3.8 in 999 of 1000 cases, and what is left of the bend costs a little.
-    assert np.mean(distances2) < 4.5
+    assert np.mean(mahalanobis2s) < 4.5
 
 
 def test_a_calm_flight_is_not_believed_to_stay_calm_where_nobody_measures_its_range() -> None:
     scene = make(SPEC)
     bank = FilterBank(scene.network, Singer())
     bank.add(np.r_[0, 0, 50, 3, 0, 0, 0, 0, 0].astype(float), np.eye(9) * 1e-4, np.zeros((9, 24)), 0.0)
-    bank.vigour[:] = 0.02
+    bank.manoeuvre_factor[:] = 0.02
     spread_m = []
     for watched in (True, False):
         bank.watched[:] = watched
@@ -310,51 +310,51 @@ def test_a_calm_flight_is_not_believed_to_stay_calm_where_nobody_measures_its_ra
     assert spread_m[1] == pytest.approx(spread_m[0] / np.sqrt(0.02), rel=0.05)
 
 
-def one_target(last_s: float) -> Beliefs:
+def one_target(last_s: float) -> TrackScores:
     """A confirmed target that two cameras saw until last_s."""
-    beliefs = Beliefs(2)
-    beliefs.add(1, 0.0, ((0, 5), (1, 5)))
+    scores = TrackScores(2)
+    scores.add(1, 0.0, ((0, 5), (1, 5)))
     for t_s in np.arange(0.0, last_s, 1 / 30):
         for camera in (0, 1):
-            beliefs.hit(
+            scores.hit(
                 camera, np.array([0]), float(t_s), AssociationEvidence(np.array([5]), np.array([8.0]), np.array([2.0]))
             )
-    beliefs.confirm()
-    assert beliefs.confirmed.all()
-    return beliefs
+    scores.confirm()
+    assert scores.confirmed.all()
+    return scores
 
 
 def test_one_detection_where_a_target_was_last_seen_is_not_its_return_but_three_are() -> None:
     """A coasting target's gate is metres wide; sooner or later some clutter falls into it, which is worth little."""
-    beliefs = one_target(1.0)
-    beliefs.doubt(2.0)
+    scores = one_target(1.0)
+    scores.hold_back_unseen(2.0)
     weak = AssociationEvidence(np.array([9]), np.array([4.0]), np.array([2.0]))
-    before_s = float(beliefs.last_s[0])
-    beliefs.hit(0, np.array([0]), 2.0, weak)
-    assert beliefs.last_s[0] == before_s
+    before_s = float(scores.last_s[0])
+    scores.hit(0, np.array([0]), 2.0, weak)
+    assert scores.last_s[0] == before_s
     for t_s in (2.03, 2.07):
-        beliefs.hit(1, np.array([0]), t_s, weak)
-    assert beliefs.last_s[0] == 2.07
+        scores.hit(1, np.array([0]), t_s, weak)
+    assert scores.last_s[0] == 2.07
 
 
 def test_a_target_that_many_frames_deny_is_not_kept_alive_by_a_hit_now_and_then() -> None:
-    beliefs = one_target(1.0)
-    last_s = float(beliefs.last_s[0])
+    scores = one_target(1.0)
+    last_s = float(scores.last_s[0])
     for k in range(60):
-        beliefs.miss(1, np.array([0]), float(np.log(0.2)))
+        scores.miss(1, np.array([0]), float(np.log(0.2)))
         if k % 10 == 0:
-            beliefs.hit(
+            scores.hit(
                 0, np.array([0]), 1.0 + k / 30, AssociationEvidence(np.array([5]), np.array([8.0]), np.array([2.0]))
             )
-    assert beliefs.last_s[0] < last_s + 1.1
+    assert scores.last_s[0] < last_s + 1.1
 
 
 def test_a_target_that_one_camera_alone_goes_on_seeing_may_already_be_turning() -> None:
     scene = make(SPEC)
     bank = FilterBank(scene.network, Singer())
-    for vigour in (0.02, 4.0):
+    for manoeuvre_factor in (0.02, 4.0):
         bank.add(np.r_[0, 0, 50, 3, 0, 0, 0, 0, 0].astype(float), np.eye(9) * 1e-4, np.zeros((9, 24)), 0.0)
-        bank.vigour[-1] = vigour
+        bank.manoeuvre_factor[-1] = manoeuvre_factor
     bank.watch(np.array([1, 1]))
     once = bank.covariance.copy()
     bank.watch(np.array([1, 1]))

@@ -1,10 +1,10 @@
-"""New targets from rays that no known target explains.
+"""Track initiation: new, tentative targets from rays that were associated with none.
 
 The hazard is the ghost. Rays of two different objects meet somewhere too, and with twenty objects in the air hundreds
 of pairs of rays meet at any instant. A ghost gives itself away by the third camera, which sees nothing there, and by
 time: two objects seldom move so that their rays go on meeting. So rays are first gathered to short tracks per camera,
 pairs of tracks must meet at both ends of their common time, what most cameras support comes first, each track serves
-one newborn only, and a newborn is no more than a tentative target.
+one new target only, and that is no more than tentative.
 """
 
 from typing import Final
@@ -15,29 +15,29 @@ from numpy.typing import NDArray
 from calib.network import Network
 from calib.tracking.motion import Singer
 from calib.tracking.options import Limits
-from calib.tracking.tracklets import SIGMA_FLOOR_M, Newborn, Tracklet, bearing_sigma, straight_flight
+from calib.tracking.tracklets import SIGMA_FLOOR_M, NewTrack, Tracklet, bearing_sigma, straight_flight
 from edge.common.arrays import Array
 
 WINDOW_S: Final = 0.8  # s of rays looked at: a flight is nearly straight for so long
 MEET_SIGMA: Final = 4.0  # one sigma of two rays' distance, that they may miss each other by
-MAX_BIRTHS: Final = 8  # a scan: the rest come a tenth of a second later, and the loop never waits
+MOST_INITIATED: Final = 8  # a scan: the rest come a tenth of a second later, and the loop never waits
 
 
-def births(found: list[Tracklet], network: Network, motion: Singer, limits: Limits, now_s: float) -> list[Newborn]:
-    """Newborn targets from tracklets, best supported first."""
+def initiate(found: list[Tracklet], network: Network, motion: Singer, limits: Limits, now_s: float) -> list[NewTrack]:
+    """Tentative targets from tracklets, best supported first."""
     if len({tracklet.camera for tracklet in found}) < 2:
         return []
     scan = _Scan(found, network, limits, now_s - WINDOW_S / 2)
-    newborn: list[Newborn] = []
+    initiated: list[NewTrack] = []
     used: set[int] = set()
     for members in scan.candidates():
-        if used.isdisjoint(members[:2]) and len(newborn) < MAX_BIRTHS:
+        if used.isdisjoint(members[:2]) and len(initiated) < MOST_INITIATED:
             free = [member for member in members if member not in used]
-            born = straight_flight([found[k] for k in free], network, motion, limits)
-            if born is not None:
-                newborn.append(born)
+            track = straight_flight([found[k] for k in free], network, motion, limits)
+            if track is not None:
+                initiated.append(track)
                 used.update(free)
-    return newborn
+    return initiated
 
 
 class _Scan:

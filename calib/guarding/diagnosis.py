@@ -1,8 +1,8 @@
-"""What witnesses say of a camera, and whether it amounts to a knock or to a clock that stepped.
+"""Fault diagnosis of a camera from residuals: is it a knock, or a clock that stepped?
 
-The hazard is the alarm nobody believes any more. A calibration is never exact: a camera is always off by a little, in
+The hazard is the alarm nobody heeds any more. A calibration is never exact: a camera is always off by a little, in
 the same direction, and always more than its noise allows. So the expected part of it, the network's own covariance, is
-counted as what cannot be told from a knock, and only more than that speaks against a camera. A stepped clock shows
+counted as what cannot be told from a knock, and only more than that is evidence of a fault. A stepped clock shows
 differently: what it is off by follows the motion in the image.
 """
 
@@ -20,9 +20,9 @@ WINDOWS_NS: Final = (
     4_000_000_000,
     6_000_000_000,
 )  # evidence looked back on: for a blow, and for a slow tilt
-FEWEST: Final = 6  # testimonies
+FEWEST: Final = 6  # residuals
 SHORTEST_NS: Final = 1_000_000_000  # they must span
-ALIKE: Final = 3.0  # testimonies that say as much as one: they share seconds, witnesses and pixels
+ALIKE: Final = 3.0  # residuals that say as much as one: they share seconds, witnesses and pixels
 KNOCK_SIGMA: Final = 4.5
 KNOCK_PX: Final = 2.0  # less is a lens, not a knock
 CLOCK_SIGMA: Final = 4.5
@@ -34,7 +34,7 @@ ROUNDS: Final = 4  # of reweighting: a wrong partner is far off and must not cou
 
 
 @dataclass(frozen=True)
-class Testimony:
+class Residual:
     """off_px (2,): where its track is, minus where witnesses say it should be. velocity_px_s (2,) of the image there.
 
     noise_px: one sigma that is new each time; expected_px: one sigma that the calibration leaves, always the same.
@@ -48,8 +48,8 @@ class Testimony:
 
 
 @dataclass(frozen=True)
-class Accusation:
-    """How strongly testimony speaks against a camera, since when, and what happened to it."""
+class FaultEvidence:
+    """How strongly residuals speak against a camera, since when, and what happened to it."""
 
     strength: float
     since_unix_ns: int
@@ -57,23 +57,24 @@ class Accusation:
     clock_s: float | None  # how far what it shows is behind its stamps, negative: ahead
 
 
-def judge(heard: Sequence[Testimony], now_unix_ns: int, clock_sigma_s: float = 0.001) -> Accusation | None:
-    """The strongest accusation that the testimony supports, if any.
+def diagnose(seen: Sequence[Residual], now_unix_ns: int, clock_sigma_s: float = 0.001) -> FaultEvidence | None:
+    """The fault with the strongest evidence in the residuals, if any.
 
     clock_sigma_s: by how much this camera's clock may be off the calibration's without being at fault: a consumer's
     camera with a clock of its own wanders by tens of milliseconds in a minute, a disciplined box does not.
     """
-    stamps = np.array([t.t_unix_ns for t in heard], np.int64)
-    inside = np.array([stamps > now_unix_ns - window for window in WINDOWS_NS]).reshape(len(WINDOWS_NS), len(heard))
+    stamps = np.array([t.t_unix_ns for t in seen], np.int64)
+    inside = np.array([stamps > now_unix_ns - window for window in WINDOWS_NS]).reshape(len(WINDOWS_NS), len(seen))
     inside = inside[[_enough(stamps[window]) for window in inside]]
     if not len(inside):
         return None
-    said = _Said.of(heard)
-    expected = np.array([said.expected_px(window, clock_sigma_s) for window in inside])
-    knocks = _fit(said, inside, np.full(len(inside), FREE_PX), NO_CLOCK_S, said.middle_px(inside))
-    clocks = _fit(said, inside, expected, CLOCK_PRIOR_S, np.zeros((len(inside), 2)))  # beside what is expected anyway
+    residuals = _Residuals.of(seen)
+    expected = np.array([residuals.expected_px(window, clock_sigma_s) for window in inside])
+    knocks = _fit(residuals, inside, np.full(len(inside), FREE_PX), NO_CLOCK_S, residuals.middle_px(inside))
+    # A step of the clock beside what is expected anyway.
+    clocks = _fit(residuals, inside, expected, CLOCK_PRIOR_S, np.zeros((len(inside), 2)))
     found = [
-        _accusation(knock, clock, float(expected_px), clock_sigma_s, int(stamps[window][0]))
+        _fault(knock, clock, float(expected_px), clock_sigma_s, int(stamps[window][0]))
         for knock, clock, expected_px, window in zip(knocks, clocks, expected, inside, strict=True)
     ]
     return max((one for one in found if one is not None), key=lambda one: one.strength, default=None)
@@ -83,9 +84,9 @@ def _enough(stamps: NDArray[np.int64]) -> bool:
     return len(stamps) >= FEWEST and stamps[-1] - stamps[0] >= SHORTEST_NS
 
 
-def _accusation(
+def _fault(
     knocked: "_RayFit", stepped: "_RayFit", expected_px: float, clock_sigma_s: float, since_unix_ns: int
-) -> Accusation | None:
+) -> FaultEvidence | None:
     knock_px = float(np.linalg.norm(knocked.value[:2]))
     knock = knock_px / float(np.sqrt(np.trace(knocked.covariance[:2, :2]) / 2 + expected_px**2))
     clock_s = float(stepped.value[2])
@@ -95,12 +96,12 @@ def _accusation(
         return None
     by_clock = is_stepped and (not is_knocked or stepped.cost < knocked.cost)
     strength = clock / CLOCK_SIGMA if by_clock else knock / KNOCK_SIGMA
-    return Accusation(strength, since_unix_ns, None if by_clock else knock_px, clock_s if by_clock else None)
+    return FaultEvidence(strength, since_unix_ns, None if by_clock else knock_px, clock_s if by_clock else None)
 
 
 @dataclass(frozen=True)
-class _Said:
-    """All testimony on a camera as arrays: off_px, velocity_px_s (N, 2), noise_px, expected (N,)."""
+class _Residuals:
+    """All residuals of a camera as arrays: off_px, velocity_px_s (N, 2), noise_px, expected (N,)."""
 
     off_px: Array
     velocity_px_s: Array
@@ -108,12 +109,12 @@ class _Said:
     expected: Array
 
     @classmethod
-    def of(cls, heard: Sequence[Testimony]) -> "_Said":
+    def of(cls, seen: Sequence[Residual]) -> "_Residuals":
         return cls(
-            np.array([t.off_px for t in heard]),
-            np.array([t.velocity_px_s for t in heard]),
-            np.array([t.noise_px for t in heard]) * np.sqrt(ALIKE),
-            np.array([t.expected_px for t in heard]),
+            np.array([t.off_px for t in seen]),
+            np.array([t.velocity_px_s for t in seen]),
+            np.array([t.noise_px for t in seen]) * np.sqrt(ALIKE),
+            np.array([t.expected_px for t in seen]),
         )
 
     def middle_px(self, inside: NDArray[np.bool_]) -> Array:
@@ -136,18 +137,18 @@ class _RayFit:
 
 
 def _fit(
-    said: _Said, inside: NDArray[np.bool_], offset_sigma_px: Array, delay_sigma_s: float, start: Array
+    residuals: _Residuals, inside: NDArray[np.bool_], offset_sigma_px: Array, delay_sigma_s: float, start: Array
 ) -> list[_RayFit]:
     """off = offset + delay * velocity for each window (W, N), robustly (Cauchy weights), with prior sigmas of both.
 
     start: (W, 2) offsets to begin with. All windows at once: this is asked of every camera several times a second.
     """
-    v, noise2 = said.velocity_px_s, said.noise_px**2
+    v, noise2 = residuals.velocity_px_s, residuals.noise_px**2
     features = np.column_stack([np.ones(len(v)), v, (v**2).sum(axis=1)])
-    targets = np.column_stack([said.off_px, (v * said.off_px).sum(axis=1)])
+    targets = np.column_stack([residuals.off_px, (v * residuals.off_px).sum(axis=1)])
     value = np.column_stack([start, np.zeros(len(start))])
     for _ in range(ROUNDS):
-        weight = inside / noise2 / (1 + _squares(said, value) / (9 * noise2))
+        weight = inside / noise2 / (1 + _squares(residuals, value) / (9 * noise2))
         one, vx, vy, vv = (weight @ features).T
         nil = np.zeros_like(one)
         normal = np.stack([one, nil, vx, nil, one, vy, vx, vy, vv], axis=1).reshape(-1, 3, 3)
@@ -155,12 +156,12 @@ def _fit(
         normal[:, 2, 2] += delay_sigma_s**-2
         covariance = np.linalg.inv(normal)
         value = np.matmul(covariance, (weight @ targets)[:, :, None])[:, :, 0]
-    cost = (inside * np.log1p(_squares(said, value) / (9 * noise2))).sum(axis=1)
+    cost = (inside * np.log1p(_squares(residuals, value) / (9 * noise2))).sum(axis=1)
     return [_RayFit(*fit) for fit in zip(value, covariance, cost.tolist(), strict=True)]
 
 
-def _squares(said: _Said, value: Array) -> Array:
+def _squares(residuals: _Residuals, value: Array) -> Array:
     """(W, N) squared residuals, px^2."""
-    left = said.off_px - value[:, None, :2] - value[:, None, 2:] * said.velocity_px_s
+    left = residuals.off_px - value[:, None, :2] - value[:, None, 2:] * residuals.velocity_px_s
     squares: Array = np.einsum("wni,wni->wn", left, left)
     return squares

@@ -1,4 +1,4 @@
-"""Cameras that were left out, tried again once the others are refined.
+"""Readmission: cameras that were left out, resected again once the others are adjusted.
 
 The hazard is giving up too early: against a scaffold built on lenses that are two per cent off, a camera that shares
 only a minute with the pair, or whose clock is far off, explains nothing. Against the refined flight it does, and if it
@@ -26,7 +26,7 @@ ROWS: Final = 300  # of a track that are tried
 PATIENCE: Final = 3.0  # times the scaffold's threshold: the adjustment weighs a poor camera by its own residuals
 
 
-def rejoin(
+def readmit(
     estimate: FlightEstimate,
     tracks: dict[str, list[TrackSeries]],
     sites: dict[str, SiteCamera],

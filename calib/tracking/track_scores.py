@@ -1,7 +1,8 @@
-"""What is known of each target besides where it is: who saw it, who should have and did not, whether it is believed.
+"""Track scores: the sequential probability ratio test of each track, and track confirmation (Sittler 1964).
 
+A track's score is the log-likelihood ratio of an object against clutter, summed over what was seen and what was not.
 The hazard is the ghost that looks healthy: two cameras feed it faithfully with rays of two different objects, and only
-the third, which sees nothing there, knows. So not seeing counts as evidence too, per camera, and a target is believed
+the third, which sees nothing there, knows. So not seeing counts as evidence too, per camera, and a target is confirmed
 only when no more cameras deny it than support it.
 """
 
@@ -16,11 +17,11 @@ from edge.common.arrays import Array
 MEMORY: Final = 0.97  # a frame: evidence is worth half after 23 frames
 SUPPORTS: Final = 0.4  # hits a frame of a camera that sees it; a detector in bad light still reaches that
 DENIES: Final = 0.15  # hits a frame of a camera that should see it and does not
-ENOUGH_FRAMES: Final = 5.0  # frames' worth of evidence before a camera has a say
-CONFIRM_SCORE: Final = 20.0  # log-likelihood ratio (Sittler 1964): odds of 5e8 against chance, and 5 hits or more
-CONFIRM_S: Final = 0.4  # s a target must live before it is believed
+ENOUGH_FRAMES: Final = 5.0  # frames' worth of evidence before a camera counts
+CONFIRM_SCORE: Final = 20.0  # log-likelihood ratio odds of 5e8 against chance, and 5 hits or more
+CONFIRM_S: Final = 0.4  # s a target must live before it is confirmed
 LONELY_S: Final = 5.0  # s, where a third camera sees nothing: time then has to refuse the ghost
-TOP_SCORE: Final = 30.0  # either way: a target that comes back is believed again after half a dozen hits
+TOP_SCORE: Final = 30.0  # either way: a target that comes back is taken for seen again after half a dozen hits
 RETURN_SCORE: Final = -10.0  # of a target that coasts: more than one hit is worth where it is looked for by the metre
 BAD_FIT: Final = 5.0  # mean squared normalised innovation; 2 is expected
 LONELY_FIT: Final = 3.0
@@ -30,14 +31,14 @@ NO_LABEL: Final = -1
 
 @dataclass(frozen=True)
 class AssociationEvidence:
-    """Of detections taken (K,): the camera's track number, log-likelihood ratio, squared normalised innovation."""
+    """Of detections taken (K,): the camera's track number, log-likelihood ratio, squared Mahalanobis distance (NIS)."""
 
     label: NDArray[np.int64]
     gain: Array
-    distance2: Array
+    mahalanobis2: Array
 
 
-class Beliefs:
+class TrackScores:
     """Arrays over targets (N,) and cameras (C,): hits, misses, last sightings, scores."""
 
     def __init__(self, cameras: int) -> None:
@@ -45,7 +46,7 @@ class Beliefs:
         self.confirmed: NDArray[np.bool_] = np.empty(0, bool)
         self.last_s: Array = np.empty(0)
         self.label: NDArray[np.int64] = np.empty((0, cameras), np.int64)
-        self._born_s: Array = np.empty(0)
+        self._initiated_s: Array = np.empty(0)
         self._score: Array = np.empty(0)
         self._fit: Array = np.empty(0)
         self._hits: Array = np.empty((0, cameras))
@@ -53,7 +54,7 @@ class Beliefs:
         self._seen_s: Array = np.empty((0, cameras))
 
     def add(self, track: int, t_s: float, seen_by: tuple[tuple[int, int], ...]) -> None:
-        """A tentative target, born at t_s from cameras with their own track numbers."""
+        """A tentative target, initiated at t_s from cameras with their own track numbers."""
         cameras = self.label.shape[1]
         label = np.full(cameras, NO_LABEL, np.int64)
         seen_s = np.full(cameras, -np.inf)
@@ -61,7 +62,7 @@ class Beliefs:
             label[camera], seen_s[camera] = number, t_s
         self.track.append(track)
         self.confirmed = np.append(self.confirmed, False)
-        self.last_s, self._born_s = np.append(self.last_s, t_s), np.append(self._born_s, t_s)
+        self.last_s, self._initiated_s = np.append(self.last_s, t_s), np.append(self._initiated_s, t_s)
         self._score, self._fit = np.append(self._score, 0.0), np.append(self._fit, 2.0)
         self.label = np.vstack([self.label, label])
         self._hits = np.vstack([self._hits, np.zeros(cameras)])
@@ -71,7 +72,7 @@ class Beliefs:
     def keep(self, which: NDArray[np.bool_]) -> None:
         """Forget all targets but those of a mask (N,)."""
         self.track = [track for track, kept in zip(self.track, which, strict=True) if kept]
-        for name in ("confirmed", "last_s", "label", "_born_s", "_score", "_fit", "_hits", "_frames", "_seen_s"):
+        for name in ("confirmed", "last_s", "label", "_initiated_s", "_score", "_fit", "_hits", "_frames", "_seen_s"):
             setattr(self, name, getattr(self, name)[which])
 
     def exchange(self, kept: list[int], shift_s: float) -> None:
@@ -80,7 +81,11 @@ class Beliefs:
         for name, empty in (("label", NO_LABEL), ("_hits", 0), ("_frames", 0), ("_seen_s", -np.inf)):
             old = getattr(self, name)
             setattr(self, name, np.where(known >= 0, old[:, np.maximum(known, 0)], empty).astype(old.dtype))
-        self.last_s, self._born_s, self._seen_s = self.last_s + shift_s, self._born_s + shift_s, self._seen_s + shift_s
+        self.last_s, self._initiated_s, self._seen_s = (
+            self.last_s + shift_s,
+            self._initiated_s + shift_s,
+            self._seen_s + shift_s,
+        )
 
     def hit(self, camera: int, which: NDArray[np.int64], t_s: float, evidence: AssociationEvidence) -> None:
         """Camera saw targets `which` (K,) at t_s."""
@@ -89,10 +94,10 @@ class Beliefs:
         self._hits[which, camera] = self._hits[which, camera] * MEMORY + 1
         self._frames[which, camera] = self._frames[which, camera] * MEMORY + 1
         self._score[which] = np.minimum(self._score[which] + evidence.gain, TOP_SCORE)
-        # One detection near a target long unseen is clutter sooner than it: only one that is believed again is seen.
-        believed = self._score[which] > 0
-        self.last_s[which] = np.where(believed, np.maximum(self.last_s[which], t_s), self.last_s[which])
-        self._fit[which] += (evidence.distance2 - self._fit[which]) * (1 - MEMORY)
+        # One detection near a target long unseen is clutter sooner than it: only one whose score is up again is seen.
+        probable = self._score[which] > 0
+        self.last_s[which] = np.where(probable, np.maximum(self.last_s[which], t_s), self.last_s[which])
+        self._fit[which] += (evidence.mahalanobis2 - self._fit[which]) * (1 - MEMORY)
 
     def miss(self, camera: int, which: NDArray[np.intp], loss: float) -> None:
         """Camera should have seen targets `which` (K,) and did not."""
@@ -100,18 +105,18 @@ class Beliefs:
         self._frames[which, camera] = self._frames[which, camera] * MEMORY + 1
         self._score[which] = np.maximum(self._score[which] + loss, -TOP_SCORE)
 
-    def doubt(self, now_s: float) -> None:
-        """What nobody has lately seen has to be seen twice before it is believed to be back."""
+    def hold_back_unseen(self, now_s: float) -> None:
+        """What nobody has lately seen has to be seen twice before it counts as back."""
         unseen = self.confirmed & (now_s - self.last_s > SEEN_LATELY_S)
         self._score = np.where(unseen, np.minimum(self._score, RETURN_SCORE), self._score)
 
     def confirm(self) -> None:
-        """Believe the tentative targets that have earned it."""
+        """Confirm the tentative targets that have earned it."""
         rate = self._hits / np.maximum(self._frames, 1e-9)
-        heard = self._frames >= ENOUGH_FRAMES
-        supporters = np.count_nonzero(heard & (rate >= SUPPORTS), axis=1)
-        deniers = np.count_nonzero(heard & (rate < DENIES), axis=1)
-        age_s = self.last_s - self._born_s
+        counts = self._frames >= ENOUGH_FRAMES
+        supporters = np.count_nonzero(counts & (rate >= SUPPORTS), axis=1)
+        deniers = np.count_nonzero(counts & (rate < DENIES), axis=1)
+        age_s = self.last_s - self._initiated_s
         plain = (supporters >= 2) & (deniers < np.maximum(supporters - 1, 1)) & (self._fit < BAD_FIT)
         lonely = (supporters >= 2) & (deniers < supporters) & (age_s > LONELY_S) & (self._fit < LONELY_FIT)
         self.confirmed |= (self._score > CONFIRM_SCORE) & (age_s > CONFIRM_S) & (plain | lonely)

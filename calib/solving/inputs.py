@@ -1,4 +1,7 @@
-"""What one solve works on: the scene's cameras and tracks, sorted out before any geometry."""
+"""What one solve works on: the scene's cameras and tracks, sorted out before any geometry.
+
+The hazard is the track that says nothing and fits everything: a lamp, a dead pixel. It is left out here, with a reason.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -16,7 +19,7 @@ FEWEST_ROWS: Final = 30  # of a camera: below it there is nothing to align
 
 
 @dataclass(frozen=True)
-class Material:
+class Inputs:
     """sites, tracks: by camera; only cameras with a track are in `tracks`, the others in left_out with the reason.
 
     t_mid_unix_ns: middle of the flight, the epoch of all times in seconds and of the clock rates.
@@ -29,7 +32,7 @@ class Material:
     left_out: dict[str, str]
 
 
-def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] | None = None) -> Material:
+def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] | None = None) -> Inputs:
     """Sort a scene out. local: surveyed positions are not used. lenses: better than the site's, to read tracks with.
 
     Raises CalibrationError if fewer than two cameras saw anything.
@@ -51,7 +54,7 @@ def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] |
     moving = {name: [track for track in own if _moves(track)] for name, own in split.items() if own}
     for name in [name for name, own in moving.items() if not own]:
         left_out[name] = "what it follows does not move: look for a lamp, a dead pixel or a stopped detector"
-    return Material(scene, t_mid, sites, {name: own for name, own in moving.items() if own}, left_out)
+    return Inputs(scene, t_mid, sites, {name: own for name, own in moving.items() if own}, left_out)
 
 
 def _moves(track: TrackSeries) -> bool:
