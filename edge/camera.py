@@ -6,7 +6,6 @@ overcome ends that thread, is kept, and is what the operator is told.
 
 import logging
 import os
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from edge.capture.frame import Picture
 from edge.capture.reader import Reader
 from edge.common.errors import SkyfixError
 from edge.common.health import SEVERITY, Check
+from edge.common.own_thread import OwnThread
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector.opening import open_detector
 from edge.gate import TrackRow
@@ -26,12 +26,13 @@ from edge.view import ViewWatch
 
 log = logging.getLogger(__name__)
 
-PATIENCE_S: Final = 0.25  # how long to wait for a frame before looking whether to stop
+CLOSE_S: Final = 1.0  # a frame under way, a scan, a full-frame model
+FRAME_PATIENCE_S: Final = 0.25  # how long to wait for a frame before looking whether to stop
 DROPS_WARN: Final = 0.02  # share of frames lost to a slow detector that the operator should know of
 STARTING_S: Final = 10.0  # opening a network camera and loading a model may take so long
 
 
-class CameraWorker:
+class CameraWorker(OwnThread):
     """Reads, detects and hands on the Tracks of one camera. publish: called from the camera's own thread."""
 
     def __init__(
@@ -46,11 +47,11 @@ class CameraWorker:
         publish: Callable[[Tracks], None],
     ) -> None:
         """Opens the model, not the camera. Raises ConfigError, ModelError."""
+        super().__init__(f"camera-{camera.id}", CLOSE_S)
         self.camera = camera
         self.lens = load_lens(camera, config_file)
         self.error: SkyfixError | None = None
         self._publish = publish
-        self._stop = threading.Event()
         settings = box.detector_of(camera)
         self._detector = open_detector(settings, background=not is_lossless(camera))
         facts = CameraFacts(camera.id, self.lens, camera.readout_s, box.gate_of(camera), epoch)
@@ -65,7 +66,6 @@ class CameraWorker:
             return open_source(camera, colour=self._detector.colour, stop=self._stop, unix_ns=unix_ns)
 
         self.reader = Reader(camera.id, open_it, live=is_live(camera), lossless=is_lossless(camera))
-        self._thread = threading.Thread(target=self._run, name=f"camera-{camera.id}", daemon=True)
         self._started_s = 0.0
         self._done = False
 
@@ -73,29 +73,21 @@ class CameraWorker:
         """Begin to read and to detect."""
         self._started_s = time.monotonic()
         self.reader.start()
-        self._thread.start()
+        super().start()
 
-    def stop(self) -> None:
-        """Ask both threads to end; does not wait."""
-        self._stop.set()
-        self.reader.stop()
+    def _wake(self) -> None:
+        self.reader.ask_to_stop()
 
     def join(self, timeout_s: float) -> bool:
         """Wait for both threads' end; False if a driver holds one."""
         deadline = time.monotonic() + timeout_s
-        if self._thread.ident is not None:
-            self._thread.join(timeout_s)
-        return self.reader.join(max(0.0, deadline - time.monotonic())) and not self._thread.is_alive()
-
-    @property
-    def finished(self) -> bool:
-        """Whether nothing more will come of this camera."""
-        return self._thread.ident is not None and not self._thread.is_alive()
+        done = super().join(timeout_s)
+        return self.reader.join(max(0.0, deadline - time.monotonic())) and done
 
     @property
     def failed(self) -> bool:
         """Whether it ended otherwise than by its recording's end or by being told to."""
-        return self.error is not None or (self.finished and not self._done)
+        return self.error is not None or (self.ended and not self._done)
 
     def _run(self) -> None:
         if self.camera.cores:
@@ -106,7 +98,7 @@ class CameraWorker:
         except SkyfixError as error:
             self.error = error
         finally:
-            self.reader.stop()
+            self.reader.ask_to_stop()
             self._detector.close()
             if self._side_by_side is not None:
                 self._side_by_side.close()
@@ -117,7 +109,7 @@ class CameraWorker:
     def _work(self) -> None:
         step = self.pipeline.step if self._side_by_side is None else self._side_by_side.step
         while not self._stop.is_set() and not self.reader.finished:
-            frame = self.reader.get(PATIENCE_S)
+            frame = self.reader.get(FRAME_PATIENCE_S)
             if frame is not None:
                 for message in step(frame):
                     self._publish(message)
@@ -134,7 +126,7 @@ class CameraWorker:
         error = self.error or state.error
         if error is not None:
             return Check(name, "fail", f"{error.where}: {error.what}", error.action)
-        if self.finished:
+        if self.ended:
             return Check(
                 name, "warn", f"the recording ended after {state.frames} frames", "start again to play another"
             )

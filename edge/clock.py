@@ -11,18 +11,18 @@ import ctypes
 import math
 import re
 import subprocess
-import threading
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from edge.common.health import Check
+from edge.common.own_thread import OwnThread
 from edge.common.utc import UtcMapping
 from edge.config import ClockConfig
 
 ASK_TIMEOUT_S: Final = 2.0  # chronyc and pmc answer in milliseconds or not at all
 STATE_PERIOD_S: Final = 4.0  # chrony's own shortest polling intervals are of this order
 REFRESH_PERIOD_S: Final = 1.0  # a clock slewed at 100 ppm moves 0.1 ms meanwhile, and the mapping interpolates
-STEP_MEMORY_S: Final = 60.0  # a step is reported so long
+CLOSE_S: Final = ASK_TIMEOUT_S + 0.5  # a question under way is waited for
 PTP_FLOOR_S: Final = 1e-5  # software time stamps and phc2sys add up to this
 
 TIME_ERROR: Final = 5  # adjtimex(2): the clock is not synchronised
@@ -147,25 +147,14 @@ def check_clock(state: ClockState, limit_s: float) -> Check:
     return Check("clock", "ok", state.reason)
 
 
-class ClockMonitor:
+class ClockMonitor(OwnThread):
     """Keeps the bound and the mapping fresh in a thread of its own."""
 
     def __init__(self, config: ClockConfig) -> None:
+        super().__init__("clock", CLOSE_S)
         self._config = config
         self.mapping = UtcMapping()
         self._state = replace(read_clock(config), steps=0)
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="clock", daemon=True)
-
-    def start(self) -> None:
-        """Begin to watch."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop watching and join the thread."""
-        self._stopping.set()
-        if self._thread.is_alive():
-            self._thread.join(timeout=ASK_TIMEOUT_S + 0.5)
 
     def state(self) -> ClockState:
         """The latest state."""
@@ -181,7 +170,7 @@ class ClockMonitor:
 
     def _run(self) -> None:
         ticks = 0
-        while not self._stopping.wait(REFRESH_PERIOD_S):
+        while not self._stop.wait(REFRESH_PERIOD_S):
             steps = self.mapping.steps
             self.mapping.refresh()
             ticks += 1

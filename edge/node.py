@@ -31,7 +31,6 @@ from edge.thumbnail import focus_score, thumbnail
 log = logging.getLogger(__name__)
 
 HEALTH_S: Final = 1.0
-WORKERS_STOP_S: Final = 1.0  # a frame under way, a scan, a full-frame model
 
 
 class Node:
@@ -97,7 +96,7 @@ class Node:
         """Say how things are once a second until told to stop or nothing is left to do; whether all went well."""
         give_way_soon()
         self._notifier.ready()
-        while not self._stop.is_set() and not all(worker.finished for worker in self.workers):
+        while not self._stop.is_set() and not all(worker.ended for worker in self.workers):
             self._report()
             self._notifier.feed(self._progress(), time.monotonic())
             self._stop.wait(HEALTH_S)
@@ -107,7 +106,7 @@ class Node:
 
     def _progress(self) -> dict[str, float]:
         """What must keep moving in each camera: what it saw, or else its attempts to see again."""
-        running = [worker for worker in self.workers if is_live(worker.camera) and not worker.finished]
+        running = [worker for worker in self.workers if is_live(worker.camera) and not worker.ended]
         counters = {worker.camera.id: worker.counters() for worker in running}
         return {name: counts["messages"] + counts["source_reopened"] for name, counts in counters.items()}
 
@@ -156,11 +155,10 @@ class Node:
 
     def __exit__(self, *_: object) -> None:
         for worker in self.workers:
-            worker.stop()
+            worker.ask_to_stop()
         for worker in self.workers:
-            if not worker.join(WORKERS_STOP_S):
-                log.warning("camera %s: its driver does not let go; left to the process's end", worker.camera.id)
+            worker.close()
         if self._receiver:
-            self._receiver.stop()
-        self._clock.stop()
+            self._receiver.close()
+        self._clock.close()
         self._resources.close()

@@ -17,13 +17,16 @@ import cv2
 from edge.capture.frame import Image, Picture
 from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
+from edge.common.own_thread import OwnThread
 from edge.gate import TrackRow
 
 log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 0.5
-WIDTH_PX: Final = 960
-QUALITY: Final = 70  # of 100, JPEG
+CLOSE_S: Final = 1.0  # a picture is drawn in milliseconds
+POLL_S: Final = 0.1  # how often the server looks whether it is to stop
+PREVIEW_WIDTH_PX: Final = 960
+PREVIEW_QUALITY: Final = 70  # of 100, JPEG
 CONFIRMED_BGR: Final = (80, 255, 80)
 OTHER_BGR: Final = (80, 200, 255)
 LEVEL_BGR: Final = {"ok": (80, 255, 80), "warn": (80, 200, 255), "fail": (80, 80, 255)}
@@ -34,7 +37,7 @@ Latest = Callable[[], tuple[Picture, list[TrackRow], str, str] | None]
 
 def draw(frame: Picture, rows: list[TrackRow], level: str, line: str) -> bytes:
     """The frame as a JPEG with its tracks and a line of state."""
-    scale = min(1.0, WIDTH_PX / frame.image.shape[1])
+    scale = min(1.0, PREVIEW_WIDTH_PX / frame.image.shape[1])
     size = (round(frame.image.shape[1] * scale), round(frame.image.shape[0] * scale))
     picture: Image = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
     if picture.ndim == 2:
@@ -47,47 +50,45 @@ def draw(frame: Picture, rows: list[TrackRow], level: str, line: str) -> bytes:
         cv2.rectangle(picture, low, high, colour, 1)
         cv2.putText(picture, f"{row.track} {row.score:.2f}", (high[0] + 2, high[1]), _FONT, 0.4, colour, 1)
     cv2.putText(picture, line, (8, size[1] - 8), _FONT, 0.45, LEVEL_BGR.get(level, OTHER_BGR), 1)
-    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, PREVIEW_QUALITY])
     return bytes(encoded)
 
 
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
 
 
-class Preview:
+class Preview(OwnThread):
     """Draws what `latest` gives every PERIOD_S: into a file, or served on http://127.0.0.1:PORT/. Context manager."""
 
     def __init__(self, where: str, latest: Latest) -> None:
         """where: a file name, or a port. Raises ConfigError if the port is taken."""
+        super().__init__("preview", CLOSE_S)
         self._latest = latest
         self._file = None if where.isdigit() else Path(where)
         self._picture = b""
         self._changed = threading.Condition()
-        self._stop = threading.Event()
-        self._server = _serve(self, int(where)) if where.isdigit() else None
-        self._threads = [threading.Thread(target=self._run, name="preview", daemon=True)]
+        self._server = PreviewServer(self, int(where)) if where.isdigit() else None
+
+    def start(self) -> None:
+        """Begin to draw and to serve."""
+        super().start()
         if self._server is not None:
-            self._threads.append(threading.Thread(target=self._server.serve_forever, name="preview-http", daemon=True))
+            self._server.start()
 
-    def __enter__(self) -> "Preview":
-        for thread in self._threads:
-            thread.start()
-        return self
+    def close(self) -> None:
+        """End both threads."""
+        super().close()
+        if self._server is not None:
+            self._server.close()
 
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
+    def _wake(self) -> None:
         with self._changed:
             self._changed.notify_all()
-        if self._server is not None:
-            self._server.shutdown()
-            self._server.server_close()
-        for thread in self._threads:
-            thread.join(1.0)
 
     @property
     def port(self) -> int:
         """Where it is served; 0 if it goes into a file."""
-        return int(self._server.server_address[1]) if self._server is not None else 0
+        return self._server.port if self._server is not None else 0
 
     def next_picture(self) -> bytes:
         """Wait for the next picture; empty when it is over."""
@@ -111,7 +112,33 @@ class Preview:
                     log.warning("preview %s: cannot be written (%s)", self._file, error)
 
 
-def _serve(preview: Preview, port: int) -> http.server.ThreadingHTTPServer:
+class PreviewServer(OwnThread):
+    """Serves a preview's pictures to browsers of this machine."""
+
+    def __init__(self, preview: Preview, port: int) -> None:
+        """port: 0 for any. Raises ConfigError if it is taken."""
+        super().__init__("preview-http", CLOSE_S)
+        try:
+            self._server = http.server.ThreadingHTTPServer(("127.0.0.1", port), _handler(preview))
+        except OSError as error:
+            raise ConfigError(f"port {port} is not free ({error})", where="--preview", action="name another") from error
+        self._server.daemon_threads = True
+
+    @property
+    def port(self) -> int:
+        """The port that is served."""
+        return int(self._server.server_address[1])
+
+    def _run(self) -> None:
+        self._server.serve_forever(POLL_S)
+        self._server.server_close()
+
+    def _wake(self) -> None:
+        if self._thread.is_alive():
+            self._server.shutdown()
+
+
+def _handler(preview: Preview) -> type[http.server.BaseHTTPRequestHandler]:
     class PreviewHandler(http.server.BaseHTTPRequestHandler):
         """One endless JPEG stream, as browsers show it by themselves."""
 
@@ -129,9 +156,4 @@ def _serve(preview: Preview, port: int) -> http.server.ThreadingHTTPServer:
         def log_message(self, format: str, *args: object) -> None:
             log.debug(format, *args)
 
-    try:
-        server = http.server.ThreadingHTTPServer(("127.0.0.1", port), PreviewHandler)
-    except OSError as error:
-        raise ConfigError(f"port {port} is not free ({error})", where="--preview", action="name another") from error
-    server.daemon_threads = True
-    return server
+    return PreviewHandler

@@ -15,9 +15,11 @@ from typing import Final
 
 from edge.capture.frame import FrameSource, Picture
 from edge.common.errors import SkyfixError, SourceError
+from edge.common.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
+CLOSE_S: Final = 1.0  # a driver lets go of a frame within this, or is left to the process's end
 WAITING_FRAMES: Final = 2  # frames between capture and detector: more is only delay
 FIRST_PATIENCE_S: Final = 0.5  # before a dead source is opened again
 LONGEST_PATIENCE_S: Final = 8.0
@@ -36,38 +38,24 @@ class ReaderState:
     ended: bool = False
 
 
-class Reader:
+class Reader(OwnThread):
     """Owns the capture thread of one camera. open_source: opens the source, at first and again."""
 
     def __init__(self, name: str, open_source: Callable[[], FrameSource], *, live: bool, lossless: bool) -> None:
         """live: reopen when the source dies. lossless: wait for the detector rather than drop."""
-        self._name = name
+        super().__init__(f"capture-{name}", CLOSE_S)
         self._open = open_source
         self._live = live
         self._lossless = lossless
         self._frames: deque[Picture] = deque()
         self._changed = threading.Condition()
-        self._stop = threading.Event()
         self._state = ReaderState()
         self._skipped_before = 0
         self._source: FrameSource | None = None
-        self._thread = threading.Thread(target=self._run, name=f"capture-{name}", daemon=True)
 
-    def start(self) -> None:
-        """Begin to read."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask the thread to end; does not wait."""
-        self._stop.set()
+    def _wake(self) -> None:
         with self._changed:
             self._changed.notify_all()
-
-    def join(self, timeout_s: float) -> bool:
-        """Wait for the thread's end; False if it is still stuck in the driver."""
-        if self._thread.ident is not None:
-            self._thread.join(timeout_s)
-        return not self._thread.is_alive()
 
     @property
     def state(self) -> ReaderState:

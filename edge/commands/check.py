@@ -108,7 +108,7 @@ def check_receiver(receiver: Receiver) -> Check:
     while receiver.status().state is ReceiverState.STARTING and time.monotonic() < deadline:
         waiting.wait(0.1)
     status = receiver.status()
-    receiver.stop()
+    receiver.close()
     return Check("gnss", status.level, f"{status.state}: {status.reason}", status.action)
 
 

@@ -31,7 +31,7 @@ class OwnThread:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self.start()
         return self
 
     def __exit__(
@@ -39,14 +39,31 @@ class OwnThread:
     ) -> None:
         self.close()
 
-    def close(self) -> None:
-        """Stop in order; returns within the time it was given, whatever the thread hangs in."""
+    def start(self) -> None:
+        """Begin; for an owner that is no context manager, who then has to `close`."""
+        self._thread.start()
+
+    def ask_to_stop(self) -> None:
+        """Tell the thread to end and do not wait: for an owner of several, which are then waited for together."""
         self._stop.set()
         self._wake()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait for the thread's end; False if it hangs in something, a driver say. True if it was never started."""
         if self._thread.is_alive():
-            self._thread.join(self._close_s)
-            if self._thread.is_alive():
-                log.warning("%s: not done within %.1f s; left to the process's end", self._name, self._close_s)
+            self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the thread was started and is done."""
+        return self._thread.ident is not None and not self._thread.is_alive()
+
+    def close(self) -> None:
+        """Stop in order; returns within the time it was given, whatever the thread hangs in."""
+        self.ask_to_stop()
+        if not self.join(self._close_s):
+            log.warning("%s: not done within %.1f s; left to the process's end", self._name, self._close_s)
 
     def _run(self) -> None:
         """The thread's work."""

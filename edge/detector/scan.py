@@ -13,9 +13,11 @@ import numpy as np
 from edge.capture.frame import Image
 from edge.common.arrays import Array
 from edge.common.errors import ModelError
+from edge.common.own_thread import OwnThread
 from edge.detector.look import padded_stack
 from edge.detector.skyfix import StackNet
 
+CLOSE_S: Final = 1.0  # a scan that is running is waited for; the largest frames take half of it
 REDUCED: Final = 4  # the second look, for objects too large for the network at native size
 SMALLEST_REDUCED_PX: Final = 64  # px: below this the second look has nothing to see
 
@@ -39,24 +41,24 @@ def _look(net: StackNet, images: list[Image], score_min: float) -> Array:
     return places[np.argsort(-found.score, kind="stable")]
 
 
-class Scanner:
+class Scanner(OwnThread):
     """Scans at most every period_s of frame time. background: in a thread, or at once where the same file must give
     the same tracks."""
 
     def __init__(self, net: StackNet, score_min: float, period_s: float, *, background: bool) -> None:
+        super().__init__("scan", CLOSE_S)
         self._net = net
+        self._background = background
         self._score_min = score_min
         self._period_ns = round(period_s * 1e9)
         self._due_unix_ns = 0
         self._found: Array = np.zeros((0, 3))
         self._work: list[Image] | None = None
         self._changed = threading.Condition()
-        self._stopping = False
         self._error: ModelError | None = None
-        self._thread = threading.Thread(target=self._run, name="scan", daemon=True) if background else None
         self.scans = 0
-        if self._thread is not None:
-            self._thread.start()
+        if background:
+            self.start()
 
     def offer(self, t_unix_ns: int, images: list[Image]) -> None:
         """Show the newest stack; it is scanned if it is time to and no scan is running."""
@@ -66,7 +68,7 @@ class Scanner:
             if self._work is not None:
                 return
             self._due_unix_ns = t_unix_ns + self._period_ns
-            if self._thread is not None:
+            if self._background:
                 self._work = images
                 self._changed.notify_all()
                 return
@@ -89,9 +91,9 @@ class Scanner:
     def _run(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._work is not None or self._stopping)
+                self._changed.wait_for(lambda: self._work is not None or self._stop.is_set())
                 images = self._work
-            if self._stopping or images is None:
+            if self._stop.is_set() or images is None:
                 return
             try:
                 self._keep(scan(self._net, images, self._score_min))
@@ -99,10 +101,6 @@ class Scanner:
                 self._error = error  # raised where the frames are worked on
                 return
 
-    def close(self) -> None:
-        """End the thread; a scan that is running is waited for."""
+    def _wake(self) -> None:
         with self._changed:
-            self._stopping = True
             self._changed.notify_all()
-        if self._thread is not None:
-            self._thread.join(1.0)

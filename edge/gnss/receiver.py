@@ -18,6 +18,7 @@ from typing import Final
 
 from edge.common.errors import ConfigError
 from edge.common.health import Check
+from edge.common.own_thread import OwnThread
 from edge.config import GnssConfig
 from edge.gnss.averaging import SERVICES
 from edge.gnss.decoders import decoders
@@ -29,6 +30,7 @@ from edge.messages import Fix
 
 log = logging.getLogger(__name__)
 
+CLOSE_S: Final = 2.0  # a driver that is asked for bytes lets go within its own timeout of 0.1 s, opening takes longer
 RETRY_S: Final = 1.0  # between attempts to open a port that is not there
 SNAPSHOT_S: Final = 0.5  # an average of ten minutes costs a millisecond; twice a second is enough to watch it
 AUTOBAUD: Final = (115200, 38400, 460800, 230400, 921600, 9600, 57600)  # the commonest first
@@ -37,10 +39,10 @@ MAX_HORIZONTAL_LEVER_M: Final = 0.010  # its direction is unknown before the cam
 EARLIEST: Final = dt.date(2025, 1, 1)
 
 
-class Receiver:
+class Receiver(OwnThread):
     """An RTK receiver in a thread of its own.
 
-    `start`, then ask `fix()` and `status()` whenever you like: both return at once. `stop` joins within a second.
+    Ask `fix()` and `status()` whenever you like: both return at once.
     on_position is called in the reader's thread with every accepted epoch.
     """
 
@@ -53,6 +55,7 @@ class Receiver:
         unix_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         """Raises ConfigError where the antenna's offset cannot be allowed for."""
+        super().__init__("gnss", CLOSE_S)
         check_lever_arm(config)
         self._config = config
         self._opener = opener
@@ -64,22 +67,10 @@ class Receiver:
         self._recorded = Path(config.device.removeprefix("file://")).is_file()
         self._session = self._new_session()
         self._changed = threading.Condition()
-        self._stopping = threading.Event()
         self._fix: Fix | None = None
         self._surveyed: Surveyed | None = None
         self._status = ReceiverStatus(ReceiverState.STARTING, "warn", "not opened yet")
         self._restart = False
-        self._thread = threading.Thread(target=self._run, name="gnss", daemon=True)
-
-    def start(self) -> None:
-        """Begin to read."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop reading, give the port back and join the thread."""
-        self._stopping.set()
-        if self._thread.is_alive():
-            self._thread.join(timeout=2.0)
 
     def fix(self) -> Fix | None:
         """The camera's position as averaged so far; None while there is none to be believed (`status` says why)."""
@@ -120,7 +111,7 @@ class Receiver:
         )
 
     def _run(self) -> None:
-        while not self._stopping.is_set():
+        while not self._stop.is_set():
             try:
                 self._read_until_lost()
             except PortError as error:
@@ -130,14 +121,14 @@ class Receiver:
                     return
                 # A cable is pulled to move a tripod: what was averaged may be of another place.
                 self._session.restart()
-            self._stopping.wait(RETRY_S)
+            self._stop.wait(RETRY_S)
 
     def _read_until_lost(self) -> None:
         port = self._opener(self._config.device, self._baud)
         log.info("%s: open at %d baud", self._config.device, self._baud)
         try:
             watch = Watch(self._monotonic_s(), self._baud, self._session.frames)
-            while not self._stopping.is_set():
+            while not self._stop.is_set():
                 self._take(port.read(), watch)
                 if self._config.baud == 0 and watch.wrong_baud(self._monotonic_s(), self._session):
                     self._baud = next(self._bauds)

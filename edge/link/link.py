@@ -87,20 +87,20 @@ class Link:
             changed = self._states.get(key) != payload
             self._states[key] = payload
         if not known:
-            self._session.wish(lambda session: session.declare_queryable(key, self._answer_state))
+            self._session.request(lambda session: session.declare_queryable(key, self._answer_state))
         if changed:
             self.publish_bytes(key, payload)
 
     def declare_presence(self, key: str) -> None:
         """Show a liveliness token on this key for as long as the link lives."""
-        self._session.wish(lambda session: session.liveliness().declare_token(key))
+        self._session.request(lambda session: session.liveliness().declare_token(key))
 
     # What a program hears
 
     def subscribe(self, key_expr: str, capacity: int = 256) -> Inbox[Received]:
         """Messages on these keys, from now on, in a bounded inbox."""
         inbox: Inbox[Received] = Inbox(capacity, self._bell)
-        self._session.wish(
+        self._session.request(
             lambda session: session.declare_subscriber(key_expr, lambda sample: self._reception.admit(sample, inbox))
         )
         return inbox
@@ -132,7 +132,7 @@ class Link:
                 session.liveliness().declare_subscriber(token, lambda _: self._session.ask_states(), history=True),
             )
 
-        self._session.wish(declare)
+        self._session.request(declare)
         return inbox
 
     def watch_presence(self, key_expr: str, capacity: int = 256) -> Inbox[Presence]:
@@ -142,13 +142,15 @@ class Link:
         def notice(sample: zenoh.Sample) -> None:
             inbox.put(Presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT, time.monotonic_ns()))
 
-        self._session.wish(lambda session: session.liveliness().declare_subscriber(key_expr, notice, history=True))
+        self._session.request(lambda session: session.liveliness().declare_subscriber(key_expr, notice, history=True))
         return inbox
 
     def serve(self, key: str, capacity: int = 32) -> Inbox[Request]:
         """Questions asked of this key, to be answered in the caller's own time."""
         inbox: Inbox[Request] = Inbox(capacity)
-        self._session.wish(lambda session: session.declare_queryable(key, lambda query: inbox.put(Request(key, query))))
+        self._session.request(
+            lambda session: session.declare_queryable(key, lambda query: inbox.put(Request(key, query)))
+        )
         return inbox
 
     def ask(
@@ -174,7 +176,7 @@ class Link:
                 timeout=timeout_s,
             )
 
-        self._session.wish(get)
+        self._session.request(get)
         ends_s = time.monotonic() + timeout_s + REPLY_GRACE_S
         while not done.wait(GIVE_UP_S) and time.monotonic() < ends_s and not (give_up and give_up.is_set()):
             pass

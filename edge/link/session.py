@@ -1,7 +1,7 @@
 """The thread that owns a Zenoh session: nobody else opens it, declares on it, puts into it or closes it.
 
 Opening, declaring and even `put` can block for seconds when a link hangs, and a session that is not closed hangs the
-process at its end. So the session lives here, with a queue of wishes and one of messages before it, and whoever leaves
+process at its end. So the session lives here, with a queue of requests and one of messages before it: whoever leaves
 something in them goes on at once. The library gives every callback a thread, and these outlive the session by an
 instant: one that is still in it when the interpreter goes away aborts the process, so they are waited for.
 """
@@ -39,7 +39,7 @@ Declare = Callable[[zenoh.Session], object]
 
 
 class LinkSession(OwnThread):
-    """One session, opened as soon as it can be and kept until the end. Any thread may wish and send, at any time.
+    """One session, opened as soon as it can be and kept until the end. Any thread may request and send, at any time.
 
     Closing it sends what is waiting, withdraws the tokens and closes the session.
     """
@@ -49,7 +49,7 @@ class LinkSession(OwnThread):
         self._settings = settings
         self._changed = threading.Condition()
         self.outbox = Outbox(self._changed)
-        self._wishes: deque[Declare] = deque()  # what to declare, in order
+        self._requests: deque[Declare] = deque()  # what to declare, in order
         self._declared: list[object] = []  # a token or queryable without a reference is dropped at once
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._callbacks: list[threading.Thread] = []
@@ -59,14 +59,14 @@ class LinkSession(OwnThread):
         self.published = self.failed = self.open_failures = 0
         self.error = ""
 
-    def wish(self, declare: Declare) -> None:
+    def request(self, declare: Declare) -> None:
         """Do this with the session, once it is open; what it returns is kept for as long as the session."""
         with self._changed:
-            self._wishes.append(declare)
+            self._requests.append(declare)
             self._changed.notify_all()
 
     def keep_asking(self, ask: Declare) -> None:
-        """Ask for somebody's state now and then, and whenever `ask_states` is called. Only from within a wish."""
+        """Ask for somebody's state now and then, and whenever `ask_states` is called. Only from within a request."""
         self._state_watchers.append(ask)
 
     def ask_states(self) -> None:
@@ -119,9 +119,9 @@ class LinkSession(OwnThread):
     def _step(self, session: zenoh.Session) -> bool:
         with self._changed:
             self._changed.wait_for(self._has_work, self._patience_s())
-            wishes, outgoing, stopping = list(self._wishes), self.outbox.take(), self._stop.is_set()
-            self._wishes.clear()
-        for declare in wishes:
+            requests, outgoing, stopping = list(self._requests), self.outbox.take(), self._stop.is_set()
+            self._requests.clear()
+        for declare in requests:
             if (declared := self._do(declare, session)) is not None:
                 self._declared.append(declared)
         for item in outgoing:
@@ -141,7 +141,7 @@ class LinkSession(OwnThread):
         return declared
 
     def _has_work(self) -> bool:
-        return bool(self._stop.is_set() or self._wishes or self.outbox or self._patience_s() == 0)
+        return bool(self._stop.is_set() or self._requests or self.outbox or self._patience_s() == 0)
 
     def _patience_s(self) -> float | None:
         """How long until somebody's state must be asked for; None if nobody watches any."""

@@ -13,11 +13,12 @@ import re
 import sys
 import threading
 import time
-from types import TracebackType
 from typing import Final, Self
 
 import msgspec
 import zenoh
+
+from edge.common.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
@@ -28,6 +29,7 @@ _HANDSHAKE: Final = re.compile(rb"zenoh_link_(?:tls|quic)[\w:]*: (.*?)(?:\. Hint
 _NUMBERS: Final = re.compile(r"\d+")  # differ from line to line; the reason does not
 _HARMLESS: Final = (b"Gossip is disabled", b"Scouting delay elapsed", b"Unknown token", b"unknown Request")
 _STYLE: Final = re.compile(rb"\x1b\[[0-9;]*m")
+CLOSE_S: Final = 1.0  # the thread reads what is in the pipe, and no more
 PIPE_BYTES: Final = 1 << 20  # what waits while our thread does not get its turn
 REPEAT_S: Final = 60.0
 MAX_REASONS: Final = 100  # remembered; an intruder cannot fill the memory with inventive ones
@@ -89,17 +91,19 @@ def refusals() -> Refusals:
     return Refusals() if _current is None else _current.refusals
 
 
-class ZenohLog:
+class ZenohLog(OwnThread):
     """Leads the library's log through a pipe for as long as it is entered. At most once in a process, and early."""
 
     def __init__(self) -> None:
+        super().__init__("zenoh-log", CLOSE_S)
         self._reader = LogReader()
         self._lock = threading.Lock()
+        self._source = -1  # the pipe's reading end
 
     def __enter__(self) -> Self:
         global _current  # noqa: PLW0603 -- as global as standard output is
         _current = self
-        source, sink = os.pipe()
+        self._source, sink = os.pipe()
         fcntl.fcntl(sink, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         os.set_blocking(sink, False)
         sys.stdout.flush()
@@ -109,18 +113,13 @@ class ZenohLog:
         os.dup2(sink, 1)
         os.close(sink)
         zenoh.init_log_from_env_or(_FILTER)
-        self._thread = threading.Thread(target=self._run, args=(source,), name="zenoh-log", daemon=True)
-        self._thread.start()
-        return self
+        return super().__enter__()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def _wake(self) -> None:
         os.dup2(self._real_stdout, 1)  # closes the pipe's last writing end: the thread reads to its end and stops
         os.close(self._real_stdout)
         sys.stdout.close()
         sys.stdout = self._python_stdout
-        self._thread.join(1.0)
 
     @property
     def refusals(self) -> Refusals:
@@ -128,8 +127,8 @@ class ZenohLog:
         with self._lock:
             return self._reader.refusals
 
-    def _run(self, source: int) -> None:
-        with os.fdopen(source, "rb", buffering=0) as pipe:
+    def _run(self) -> None:
+        with os.fdopen(self._source, "rb", buffering=0) as pipe:
             while chunk := pipe.read(1 << 16):
                 with self._lock:
                     sentences = self._reader.read(chunk, time.monotonic())

@@ -130,8 +130,8 @@ def test_the_monitor_starts_and_stops_at_once() -> None:
     monitor.start()
     assert monitor.bound_s() == 0.004
     assert monitor.state().steps == 0
-    monitor.stop()
-    assert not monitor._thread.is_alive()
+    monitor.close()
+    assert monitor.ended
 
 
 @pytest.fixture

@@ -24,11 +24,8 @@ def occupy_one(call: SurveyCall) -> int:
     configured(call, call.args.camera)
     antenna = _antenna(call)
     receiver = Receiver(_receiver_config(call))
-    receiver.start()
-    try:
+    with receiver:
         survey = _occupy_tripod(call, receiver, antenna, call.args.camera)
-    finally:
-        receiver.stop()
     print("\n".join(remarks(call, survey)))
     return 0
 
@@ -48,7 +45,7 @@ def rover_round(call: SurveyCall) -> int:
                 continue
             first = first or camera
     finally:
-        receiver.stop()
+        receiver.close()
     print("\n".join(remarks(call, call.survey)))
     closure = edit.closure_of(call.survey)
     print(f"loop closure on {closure[0]} {closure[1]}" if closure else "the round was not closed on its first tripod")

@@ -81,7 +81,7 @@ def test_silent_stream_is_opened_again() -> None:
         while len(segments) < 2 and time.monotonic() < deadline:
             if (frame := reader.get(0.5)) is not None:
                 segments.add(frame.segment)
-        reader.stop()
+        reader.ask_to_stop()
         assert reader.join(3)
     assert len(segments) == 2
 

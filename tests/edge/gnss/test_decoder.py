@@ -141,7 +141,7 @@ def test_a_configuration_chooses_it_and_a_receiver_makes_a_fix_of_it(tmp_path: P
         assert until(lambda: receiver.status().state is ReceiverState.ENDED)
         fix = receiver.fix()
     finally:
-        receiver.stop()
+        receiver.close()
     assert fix is not None
     assert fix.samples == 30
     assert fix.sigma_m[0] > SERVICES["network-rtk"].floor_m[0]

@@ -81,7 +81,7 @@ def receivers() -> Iterator[Callable[[str], Receiver]]:
 
     yield start
     for receiver in started:
-        receiver.stop()
+        receiver.close()
 
 
 class Sentences:

@@ -92,7 +92,7 @@ def started() -> Iterator[Callable[..., Receiver]]:
 
     yield start
     for receiver in receivers:
-        receiver.stop()
+        receiver.close()
 
 
 def test_a_fix_within_seconds_and_its_sigma_shrinks(
@@ -224,9 +224,9 @@ def test_stopping_takes_no_time_whatever_the_state(player: Player, started: Call
     for device in (player.link, "/dev/no-such-device", "socket://127.0.0.1:1"):
         receiver = started(device)
         before = time.monotonic()
-        receiver.stop()
+        receiver.close()
         assert time.monotonic() - before < 2.0
-        receiver.stop()
+        receiver.close()
 
 
 class ScriptedPort:
@@ -263,7 +263,7 @@ def test_the_rate_is_found(until: Until) -> None:
     try:
         assert until(receiver.fix, within_s=CLEARING_S)
     finally:
-        receiver.stop()
+        receiver.close()
     assert tried == [115200, 38400, 460800]
 
 
@@ -285,7 +285,7 @@ def test_whatever_a_driver_raises_is_a_port_error(raised: Exception, until: Unti
     try:
         assert until(lambda: receiver.status().state is ReceiverState.LOST)
     finally:
-        receiver.stop()
+        receiver.close()
 
 
 def test_no_permission(tmp_path: Path) -> None:

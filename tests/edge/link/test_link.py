@@ -140,7 +140,7 @@ before = set(threading.enumerate())
 with Link(LinkSettings(listen=(sys.argv[1],)), name="ends") as link:
     heard = link.subscribe("ends/slow")
     # A callback that still has something to do when the session is closed, as all have on a machine that is busy.
-    link._session.wish(lambda session: session.declare_subscriber("ends/slow", lambda _: time.sleep(0.5)))
+    link._session.request(lambda session: session.declare_subscriber("ends/slow", lambda _: time.sleep(0.5)))
     link.wait_open(5)
     while not heard.received:
         link.publish_bytes("ends/slow", b"1")

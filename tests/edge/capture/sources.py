@@ -1,0 +1,42 @@
+"""What the tests of the sources share: a time, a size, and a driver that does as it is told."""
+
+from typing import Any
+
+import numpy as np
+
+from edge.capture.frame import Picture
+
+T0 = 1_700_000_000 * 10**9
+MS = 10**6
+SIZE = (160, 120)
+
+
+def frames_of(source: Any) -> list[Picture]:
+    """All that a source gives."""
+    return list(iter(source.read, None))
+
+
+class FakeCapture:
+    """Stands in for a driver: frames with the stamps a test wants, then silence."""
+
+    def __init__(self, frames: list[dict[int, float]]) -> None:
+        self.frames, self.at, self.released = frames, -1, False
+
+    def isOpened(self) -> bool:
+        return True
+
+    def grab(self) -> bool:
+        self.at += 1
+        return self.at < len(self.frames)
+
+    def retrieve(self) -> tuple[bool, Any]:
+        return True, np.zeros((120, 160, 3), np.uint8)
+
+    def get(self, prop: int) -> float:
+        return self.frames[self.at].get(prop, 0.0)
+
+    def set(self, prop: int, value: float) -> bool:
+        return True
+
+    def release(self) -> None:
+        self.released = True

@@ -1,0 +1,79 @@
+"""Live sources: whose clock stamped a frame, and whether it is to be believed."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from edge.capture.frame import Picture, middle_of_exposure
+from edge.capture.live import RtspStream, V4l2Camera
+from edge.capture.stamps import ARRIVAL_BOUND_S
+from edge.common.errors import SourceError
+from tests.edge.capture.sources import MS, T0, FakeCapture
+
+
+class TestV4l2:
+    OFFSET = T0 - 5000 * 10**9  # UTC minus monotonic
+
+    def read(self, stamp_ms: float, arrival_ns: int, **options: Any) -> Picture:
+        source = V4l2Camera(
+            FakeCapture([{cv2.CAP_PROP_POS_MSEC: stamp_ms}]),
+            "/dev/video0",
+            colour=False,
+            unix_ns=lambda monotonic_ns: monotonic_ns + self.OFFSET,
+            monotonic_ns=lambda: arrival_ns,
+            **options,
+        )
+        return source.read()
+
+    def test_driver_stamp_becomes_utc(self) -> None:
+        frame = self.read(5000_123.456, 5000_160 * MS)
+        assert frame.t_unix_ns == T0 + 123_456_000
+        assert frame.time_source == "sensor"
+
+    @pytest.mark.parametrize(
+        ("stamp_of", "shift_ms"), [("middle", 0), ("exposure_start", 4), ("exposure_end", -4), ("frame_end", -24)]
+    )
+    def test_stamps_of_other_instants_are_moved_to_the_middle(self, stamp_of: Any, shift_ms: int) -> None:
+        frame = self.read(5000_100.0, 5000_160 * MS, stamp_of=stamp_of, exposure_s=0.008, readout_s=0.02)
+        assert frame.t_unix_ns == T0 + (100 + shift_ms) * MS
+        assert middle_of_exposure(0, stamp_of, 0.008, 0.02) == shift_ms * MS
+
+    @pytest.mark.parametrize("stamp_ms", [0.0, 6000_000.0, 1_700_000_000_000.0])
+    def test_without_a_believable_stamp_arrival_counts_and_says_so(self, stamp_ms: float) -> None:
+        frame = self.read(stamp_ms, 5000_160 * MS)
+        assert (frame.t_unix_ns, frame.time_source, frame.bound_s) == (T0 + 160 * MS, "arrival", ARRIVAL_BOUND_S)
+
+    def test_dead_camera_says_so(self) -> None:
+        source = V4l2Camera(FakeCapture([]), "/dev/video7", colour=False, unix_ns=int)
+        with pytest.raises(SourceError, match=r"/dev/video7.*no more frames"):
+            source.read()
+
+
+class TestRtsp:
+    def frames(self, opened_us: float, delays_ms: list[float]) -> list[Picture]:
+        fps = 25.0
+        props = [
+            {
+                cv2.CAP_PROP_POS_MSEC: k * 40.0 + 7.0,  # the exact position: 7 ms off the frame grid
+                cv2.CAP_PROP_PTS: float(round((k * 40.0 + 7.0) * fps / 1e3)),
+                cv2.CAP_PROP_FPS: fps,
+                cv2.CAP_PROP_STREAM_OPEN_TIME_USEC: opened_us,
+            }
+            for k in range(len(delays_ms))
+        ]
+        arrivals = iter([T0 + round((k * 40 + delay) * MS) for k, delay in enumerate(delays_ms)])
+        source = RtspStream(FakeCapture(props), "rtsp://box", colour=False, now_unix_ns=lambda: next(arrivals))
+        return [source.read() for _ in delays_ms]
+
+    def test_sender_time_is_used_where_there_is_one(self) -> None:
+        frames = self.frames(T0 / 1e3, [50.0] * 10)
+        assert {frame.time_source for frame in frames} == {"sender"}
+        assert np.diff([frame.t_unix_ns for frame in frames]) == pytest.approx(40 * MS, abs=1000)
+
+    @pytest.mark.parametrize("opened_us", [0.0, 12345.0])
+    def test_without_one_the_least_delayed_arrival_counts(self, opened_us: float) -> None:
+        frames = self.frames(opened_us, [50, 30, 120, 90, 30, 31])
+        assert {frame.time_source for frame in frames} == {"arrival"}
+        assert [frame.t_unix_ns - T0 for frame in frames[1:]] == [round((k * 40 + 30) * MS) for k in range(1, 6)]
