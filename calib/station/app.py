@@ -20,6 +20,7 @@ LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(message)s"
 COMMANDS: Final = {
     "run": "calibrate, track and send until told to stop",
     "check": "show the configuration and whether all it needs is there",
+    "init": "write the configurations of a new site, which fit one another",
     "survey": "measure or enter where the cameras stand",
     "solve": "calibrate from a track folder or a recording",
     "replay": "play a track folder or a recording to a running station",
