@@ -29,6 +29,7 @@ SITE = "field-1"
 NAMES = ("cam0", "cam1", "cam2")
 OFFSETS_M = {"cam0": (0.0, 0.0, 0.0), "cam1": (60.0, 0.0, 1.5), "cam2": (0.0, 50.0, -2.0)}  # of the tripods, ENU
 FIX_WITHIN_S = 60.0  # on a busy machine
+QUESTIONS = re.compile(r"camera to occupy .*?: |now break the corrections|accept \w+\? .*? ")
 HEIGHT_WITHIN_M = 0.002  # GGA's millimetres, and the degrees' rounding
 
 _text = GUIDE.read_text()
@@ -133,9 +134,7 @@ class Operator:
             done = 0
             while chunk := os.read(program.stdout.fileno(), 4096):
                 self.read += chunk.decode()
-                for found in re.finditer(
-                    r"camera to occupy .*?: |now break the corrections|accept \w+\? .*? ", self.read
-                ):
+                for found in QUESTIONS.finditer(self.read):
                     if found.start() < done:
                         continue
                     done = found.end()
