@@ -10,10 +10,10 @@ from collections.abc import Callable
 from typing import Final
 
 from calib.errors import CalibrationError
+from calib.station.inputs.input import PositionInput
 from calib.station.survey.store import AntennaTable, OccupationTable
 from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.gates import Reason
-from edge.gnss.receiver import Receiver
 from edge.gnss.session import Surveyed, t_unix_ns
 
 NEWS_S: Final = 1.0  # the receiver publishes twice a second; without news the line is drawn again
@@ -26,7 +26,7 @@ Say = Callable[[str], None]
 
 
 def occupy(
-    receiver: Receiver, seconds: float, antenna: AntennaTable, *, unix_ns: Callable[[], int], progress: Say
+    receiver: PositionInput, seconds: float, antenna: AntennaTable, *, unix_ns: Callable[[], int], progress: Say
 ) -> OccupationTable:
     """One occupation of at least `seconds` of accepted epochs.
 
@@ -48,7 +48,7 @@ def occupy(
     raise _refused(receiver.status().reason, receiver.status().action)
 
 
-def wait_for_lost_fix(receiver: Receiver, progress: Say) -> None:
+def wait_for_lost_fix(receiver: PositionInput, progress: Say) -> None:
     """Return when the receiver has been seen without a fix. Raises CalibrationError if it keeps it."""
     before = _unfixed(receiver)
     waited_s = 0.0
@@ -94,7 +94,7 @@ def _three(values: list[float]) -> tuple[float, float, float]:
     return east, north, up
 
 
-def _unfixed(receiver: Receiver) -> int:
+def _unfixed(receiver: PositionInput) -> int:
     return receiver.status().counters.get(f"refused: {Reason.QUALITY}", 0)
 
 

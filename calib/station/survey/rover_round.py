@@ -9,6 +9,8 @@ import time
 from dataclasses import replace
 
 from calib.errors import CalibrationError
+from calib.station.inputs.input import PositionInput
+from calib.station.inputs.receiver import opened_receiver, receiver_settings
 from calib.station.survey import edit
 from calib.station.survey.call import SurveyCall, configured, keep, remarks
 from calib.station.survey.rover import occupy, wait_for_lost_fix
@@ -16,15 +18,13 @@ from calib.station.survey.store import AntennaTable, OccupationTable, Survey, an
 from edge.common.errors import ConfigError
 from edge.common.settings import build
 from edge.config import GnssConfig
-from edge.gnss.receiver import Receiver
 
 
 def occupy_one(call: SurveyCall) -> int:
     """One tripod. Returns the exit code; raises CalibrationError if it is not accepted."""
     configured(call, call.args.camera)
     antenna = _antenna(call)
-    receiver = Receiver(_receiver_config(call))
-    with receiver:
+    with opened_receiver(_receiver_settings(call)) as receiver:
         survey = _occupy_tripod(call, receiver, antenna, call.args.camera)
     print("\n".join(remarks(call, survey)))
     return 0
@@ -33,10 +33,8 @@ def occupy_one(call: SurveyCall) -> int:
 def rover_round(call: SurveyCall) -> int:
     """The whole round: every camera in the order of the operator's choice, and back to the first."""
     antenna = _antenna(call)
-    receiver = Receiver(_receiver_config(call))
-    receiver.start()
     first: str | None = None
-    try:
+    with opened_receiver(_receiver_settings(call)) as receiver:
         while camera := _choose(call, first):
             try:
                 call = replace(call, survey=_occupy_tripod(call, receiver, antenna, camera))
@@ -44,8 +42,6 @@ def rover_round(call: SurveyCall) -> int:
                 print(f"not stored: {error}", file=sys.stderr)
                 continue
             first = first or camera
-    finally:
-        receiver.close()
     print("\n".join(remarks(call, call.survey)))
     closure = edit.closure_of(call.survey)
     print(f"loop closure on {closure[0]} {closure[1]}" if closure else "the round was not closed on its first tripod")
@@ -64,7 +60,7 @@ def _choose(call: SurveyCall, first: str | None) -> str:
         print(f"{answer} is not configured; there are {', '.join(names)}")
 
 
-def _occupy_tripod(call: SurveyCall, receiver: Receiver, antenna: AntennaTable, camera: str) -> Survey:
+def _occupy_tripod(call: SurveyCall, receiver: PositionInput, antenna: AntennaTable, camera: str) -> Survey:
     """Both occupations of one tripod, compared, accepted by the operator and stored."""
     first = _one_occupation(call, receiver, antenna, f"{camera}, first")
     survey = edit.add_occupation(call.survey, camera, first)
@@ -80,7 +76,7 @@ def _occupy_tripod(call: SurveyCall, receiver: Receiver, antenna: AntennaTable, 
     return survey
 
 
-def _one_occupation(call: SurveyCall, receiver: Receiver, antenna: AntennaTable, what: str) -> OccupationTable:
+def _one_occupation(call: SurveyCall, receiver: PositionInput, antenna: AntennaTable, what: str) -> OccupationTable:
     print(f"{what} occupation: keep the antenna still")
     occupation = occupy(receiver, call.args.seconds, antenna, unix_ns=time.time_ns, progress=_progress)
     print()
@@ -91,15 +87,14 @@ def _progress(line: str) -> None:
     print(f"\r\x1b[K{line}", end="", flush=True)
 
 
-def _receiver_config(call: SurveyCall) -> GnssConfig:
-    device = call.args.device or (call.config.receiver.device if call.config.receiver else None)
-    if device is None:
-        raise ConfigError("no receiver", where=str(call.args.config), action="give --device, or [receiver] device")
-    return GnssConfig(
-        device=device,
-        baud=call.config.receiver.baud if call.config.receiver else 0,
-        service=call.args.service,
-        baseline_m=call.args.baseline,
+def _receiver_settings(call: SurveyCall) -> GnssConfig:
+    args = call.args
+    return receiver_settings(
+        call.config.receiver,
+        device=args.device,
+        service=args.service,
+        baseline_m=args.baseline,
+        where=str(args.config),
     )
 
 
