@@ -19,7 +19,7 @@ from edge.common.arrays import Array
 from edge.lens import LensModel, pixel_to_ray, ray_to_pixel
 
 POSE_SIZE = 6  # rotation vector (rad, camera frame), centre (m, ENU)
-FORMAT = 1
+NETWORK_FORMAT = 1
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def to_toml(network: Network) -> str:
         for c in network.cameras
     ]
     head = {
-        "format": FORMAT,
+        "format": NETWORK_FORMAT,
         "site": network.site,
         "origin": list(network.origin),
         "t_mid_unix_ns": network.t_mid_unix_ns,
@@ -152,8 +152,8 @@ def from_toml(text: str, *, where: str = "network.toml") -> Network:
     try:
         tree = tomllib.loads(text)
         head = tree["network"]
-        if head["format"] != FORMAT:
-            raise ValueError(f"format {head['format']}, this program reads {FORMAT}")
+        if head["format"] != NETWORK_FORMAT:
+            raise ValueError(f"format {head['format']}, this program reads {NETWORK_FORMAT}")
         return Network(
             site=head["site"],
             origin=(float(head["origin"][0]), float(head["origin"][1]), float(head["origin"][2])),

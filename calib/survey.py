@@ -17,11 +17,11 @@ import numpy as np
 from calib.errors import CalibrationError
 from calib.geodesy import Origin, enu_to_geodetic, geodetic_to_enu
 from edge.common.arrays import Array
+from edge.common.static_rtk import LEAST_STATIC_SIGMA_M
 
 INDEPENDENT_AFTER_S: Final = 1200.0  # three correlation times of the slow error: 5 % of it is still shared
 MAX_APART_H_M, MAX_APART_V_M = 0.050, 0.080  # twice what 95 % of good pairs differ by, measured on network RTK
 MAX_BESIDE_LENS_M: Final = 0.010  # its direction is unknown before the camera's heading is
-LEAST_SIGMA_M: Final = np.array([0.004, 0.004, 0.008])  # no receiver on a tripod does better, whatever it says
 UNKNOWN_FRAME_SIGMA_M: Final = 1.0  # the realisations in use differ by up to that; it moves all cameras alike
 
 Reference = Literal["phase-centre", "ARP"]
@@ -154,7 +154,7 @@ def _sigma(occupations: list[Occupation], weights: Array) -> tuple[tuple[float, 
     for group in range(groups.max() + 1):
         # Occupations close in time share their slow error: their floors add, they do not average.
         variance += (weights[groups == group] @ floor[groups == group]) ** 2
-    east, north, up = np.maximum(np.sqrt(variance), LEAST_SIGMA_M)
+    east, north, up = np.maximum(np.sqrt(variance), LEAST_STATIC_SIGMA_M)
     return (float(east), float(north), float(up)), int(groups.max() + 1)
 
 

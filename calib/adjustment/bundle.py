@@ -21,8 +21,8 @@ from calib.adjustment.weights import Fitted, Weights, renewed, steady
 from calib.errors import CalibrationError, LensError
 from edge.common.arrays import Array
 
-ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
-LAST_ROUNDS: Final = 3  # with all rows, once a part of them is settled
+WEIGHT_ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
+LAST_WEIGHT_ROUNDS: Final = 3  # with all rows, once a part of them is settled
 COARSE_ROWS: Final = 8000  # enough for a hundred unknowns at any correlation
 FEWEST_KEPT: Final = 100  # of each camera's rows, however many the others have
 STEPS: Final = 8  # of Gauss-Newton between two rounds
@@ -77,10 +77,10 @@ def adjust(problem: Problem, estimate: FlightEstimate, weights: Weights) -> Adju
     every = problem.row_count // COARSE_ROWS
     if every > 1:
         coarse = problem.thinned(every)
-        settled = adjust_rounds(coarse, estimate, replace(weights, interval_s=coarse.interval_s), ROUNDS)
+        settled = adjust_rounds(coarse, estimate, replace(weights, interval_s=coarse.interval_s), WEIGHT_ROUNDS)
         weights = replace(settled.weights, interval_s=problem.interval_s)
-        return adjust_rounds(problem, settled.estimate, weights, LAST_ROUNDS)
-    return adjust_rounds(problem, estimate, weights, ROUNDS)
+        return adjust_rounds(problem, settled.estimate, weights, LAST_WEIGHT_ROUNDS)
+    return adjust_rounds(problem, estimate, weights, WEIGHT_ROUNDS)
 
 
 def adjust_rounds(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds: int) -> Adjusted:

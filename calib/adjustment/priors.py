@@ -24,7 +24,7 @@ READOUT_SIGMA_S: Final = 0.01  # rolling shutters take 5 to 30 ms
 READOUT_S: Final = 0.015  # and their middle
 KNOWN_READOUT_SIGMA_S: Final = 5e-4  # a data sheet's
 ALIGNED_TO_S: Final = 0.05  # what the search by epipolar geometry is good for on the worst flights
-DISCIPLINED_S: Final = 60.0  # a disciplined clock leaves its bound no faster than in this time
+KEEPS_BOUND_S: Final = 60.0  # a disciplined clock leaves its bound no faster than in this time
 FREE: Final = np.inf
 FIXED: Final = 0.0
 
@@ -183,7 +183,7 @@ def _bound_holds(camera: Camera, site: SiteCamera) -> bool:
 def _clock_sigma(camera: Camera, site: SiteCamera) -> tuple[float, float]:
     """Offset and rate: the box's own bound while the tracks do not contradict it, else what the search left open."""
     if site.clock_bound_s is not None and _bound_holds(camera, site):
-        return site.clock_bound_s, min(RATE_SIGMA, site.clock_bound_s / DISCIPLINED_S)
+        return site.clock_bound_s, min(RATE_SIGMA, site.clock_bound_s / KEEPS_BOUND_S)
     return CLOCK_SIGMA_S, RATE_SIGMA
 
 

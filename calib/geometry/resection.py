@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from edge.common.arrays import Array
 
-RANSAC_ITERATIONS = 300  # four points at 50 % outliers need 72 for 99 %
+FOUR_POINT_DRAWS = 300  # four points at 50 % outliers need 72 for 99 %
 FEWEST_POINTS = 6
 SEED = 1
 
@@ -43,7 +43,7 @@ def resect(points: Array, rays: Array, threshold_ray: float) -> Resection | None
     cv2.setRNGSeed(SEED)
     ok, rotation, t, inlier = cv2.solvePnPRansac(
         scaled, np.ascontiguousarray(rays), np.eye(3), None,
-        iterationsCount=RANSAC_ITERATIONS, reprojectionError=threshold_ray, confidence=0.999, flags=cv2.SOLVEPNP_EPNP,
+        iterationsCount=FOUR_POINT_DRAWS, reprojectionError=threshold_ray, confidence=0.999, flags=cv2.SOLVEPNP_EPNP,
     )  # fmt: skip
     if not ok or inlier is None or len(inlier) < FEWEST_POINTS:
         return None

@@ -16,7 +16,7 @@ from edge.common.arrays import Array
 
 RANSAC_CONFIDENCE = 0.9999
 # Five-point RANSAC at 40 % outliers wants 90 draws for that confidence; noise wastes most of them.
-RANSAC_ITERATIONS = 1000
+FIVE_POINT_DRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def essential_robust(rays1: Array, rays2: Array, threshold_ray: float) -> tuple[
         return [], np.zeros(len(rays1), bool)
     E, mask = cv2.findEssentialMat(
         np.ascontiguousarray(rays1), np.ascontiguousarray(rays2), np.eye(3), cv2.RANSAC,
-        RANSAC_CONFIDENCE, threshold_ray, RANSAC_ITERATIONS,
+        RANSAC_CONFIDENCE, threshold_ray, FIVE_POINT_DRAWS,
     )  # fmt: skip
     if E is None or E.shape[1] != 3:
         return [], np.zeros(len(rays1), bool)

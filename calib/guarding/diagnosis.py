@@ -30,7 +30,7 @@ CLOCK_S: Final = 0.010  # a smaller step moves a target by less than its noise
 CLOCK_PRIOR_S: Final = 0.5
 FREE_PX: Final = 1e6  # a knock may be of any size
 NO_CLOCK_S: Final = 1e-9
-ROUNDS: Final = 4  # of reweighting: a wrong partner is far off and must not count
+REWEIGHTINGS: Final = 4  # of reweighting: a wrong partner is far off and must not count
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def _fit(
     features = np.column_stack([np.ones(len(v)), v, (v**2).sum(axis=1)])
     targets = np.column_stack([residuals.off_px, (v * residuals.off_px).sum(axis=1)])
     value = np.column_stack([start, np.zeros(len(start))])
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTINGS):
         weight = inside / noise2 / (1 + _squares(residuals, value) / (9 * noise2))
         one, vx, vy, vv = (weight @ features).T
         nil = np.zeros_like(one)

@@ -25,13 +25,13 @@ ROUND_NS: Final = 200_000_000  # between rounds, each of one pair of witnesses: 
 DONE: Final = object()  # what a round that is over gives
 CHECKED_A_ROUND: Final = 6  # cameras that a pair is compared with at once, for the same reason
 WATCHED_NS: Final = 1_000_000_000  # of rays looked at: longer, and an old pose speaks with the new
-MIN_SAMPLES: Final = 3  # instants that the witnesses' point and the third camera's track must both have
-EDGE_PX: Final = 5.0
+LEAST_INSTANTS: Final = 3  # instants that the witnesses' point and the third camera's track must both have
+INSIDE_BY_PX: Final = 5.0
 ALL_PAIRS_UP_TO: Final = 10  # cameras; beyond, each is a witness with its next three in the network
 NEAR_RAD: Final = 0.05  # 2.9 degrees: what is farther from where it should be is another object
 FROZEN_S: Final = 3.0  # s of identical detections; a hovering drone's jitter in the last digit
 FROZEN_FRAMES: Final = 30
-DISCIPLINED_S: Final = 0.002  # of a clock held by chrony over a local network
+DISCIPLINED_SIGMA_S: Final = 0.002  # of a clock held by chrony over a local network
 AGREE_PAIRS: Final = 2  # of cameras whose rays meet, at least, before a stored network is accepted
 AGREE_SHARE: Final = 0.5  # of the pairs that saw something at the same time
 AGREE_TIMES: Final = 3  # in a row
@@ -164,12 +164,12 @@ class Guard:
         view = self._views[camera_id]
         shape = met.points.shape[:2]
         seen = view.sight(met.points.reshape(-1, 3))
-        due = (seen.valid & view.inside(seen.pixels, EDGE_PX)).reshape(shape).all(axis=1)
+        due = (seen.valid & view.inside(seen.pixels, INSIDE_BY_PX)).reshape(shape).all(axis=1)
         if not tracks or not due.any():
             return
         off = np.stack([track.at(met.t_s.ravel()) for track in tracks]) - seen.pixels
         off = off.reshape(len(tracks), *shape, 2)
-        enough = np.isfinite(off[..., 0]).sum(axis=2) >= MIN_SAMPLES
+        enough = np.isfinite(off[..., 0]).sum(axis=2) >= LEAST_INSTANTS
         median = median_low(np.moveaxis(off, 2, 3))
         miss_px = np.where(enough & due, np.linalg.norm(median, axis=2), np.inf)
         nearest = np.argmin(miss_px, axis=0)
@@ -190,7 +190,7 @@ class Guard:
         faulty: list[tuple[float, str, FaultEvidence]] = []
         for camera in list(self._residuals):
             yield
-            sigma_s = self.clock_sigma_s.get(camera, DISCIPLINED_S)
+            sigma_s = self.clock_sigma_s.get(camera, DISCIPLINED_SIGMA_S)
             fault = diagnose(self._residuals[camera], self._now_unix_ns, sigma_s)
             if fault is not None:
                 faulty.append((fault.strength, camera, fault))

@@ -12,7 +12,7 @@ from edge.common.arrays import Array
 
 KEEP_NS: Final = 2_000_000_000
 MIN_ROWS: Final = 4
-MIN_SPAN_S: Final = 0.25  # s: shorter tracks are clutter, mostly
+LEAST_TRACK_S: Final = 0.25  # s: shorter tracks are clutter, mostly
 SAMPLES: Final = 6  # instants of a track that are looked at
 LARGEST_GAP_S: Final = 0.25  # s between a track's rows, across which its pixel may be interpolated
 MAX_ROWS: Final = 3000  # of a camera
@@ -75,6 +75,6 @@ def _track(label: int, rows: list[tuple[int, float, float]], camera: Camera, net
     pixels = np.array([row[1:] for row in rows])
     t_s = camera.site_time_s(stamps, pixels[:, 1], network.t_mid_unix_ns)
     _, first = np.unique(t_s, return_index=True)  # two rows of one label in one frame: a box gone wrong
-    if len(first) < MIN_ROWS or t_s[first[-1]] - t_s[first[0]] < MIN_SPAN_S:
+    if len(first) < MIN_ROWS or t_s[first[-1]] - t_s[first[0]] < LEAST_TRACK_S:
         return None
     return RayTrack(label, t_s[first], pixels[first])

@@ -19,7 +19,7 @@ from edge.common.arrays import Array
 Timing = Literal["none", "shift", "rate"]
 TIMINGS: Final[tuple[Timing, ...]] = ("none", "shift", "rate")
 
-COARSE_STEP_S: Final = 0.25  # s: 5 m at 20 m/s, well inside the width of any minimum a path of that speed has
+GRID_STEP_S: Final = 0.25  # s: 5 m at 20 m/s, well inside the width of any minimum a path of that speed has
 COARSE_SAMPLES: Final = 600  # truth rows tried on the grid: enough to tell loops apart, few enough to be quick
 CANDIDATES: Final = 6  # minima of the grid that are refined
 LEAST_OVERLAP: Final = 0.6  # of the largest overlap any shift has
@@ -86,7 +86,7 @@ def _refined(cost: Callable[[Array], float], start_s: float, size: int) -> Array
     first = np.zeros((size + 1, size))
     first[:, 0] = start_s
     for axis in range(size):
-        first[axis + 1, axis] += 2 * COARSE_STEP_S
+        first[axis + 1, axis] += 2 * GRID_STEP_S
     found = minimize(
         cost,
         first[0],
@@ -99,7 +99,7 @@ def _refined(cost: Callable[[Array], float], start_s: float, size: int) -> Array
 def _grid(estimate: Path, truth: Path, alignment: Alignment, max_gap_s: float) -> tuple[Array, float]:
     """Shifts (K,) of the best minima of the grid, best first, and the least overlap (rows) that was allowed."""
     lowest, highest = estimate.t_s[0] - truth.t_s[-1], estimate.t_s[-1] - truth.t_s[0]
-    shifts = np.arange(lowest, highest + COARSE_STEP_S, COARSE_STEP_S)
+    shifts = np.arange(lowest, highest + GRID_STEP_S, GRID_STEP_S)
     batches = [shifts[i : i + BATCH] for i in range(0, len(shifts), BATCH)]
     tried = [
         _misfit(estimate, truth.t_s + batch[:, None], truth.enu, alignment, max_gap_s, power=1) for batch in batches

@@ -14,8 +14,8 @@ from calib.scoring.timing import Path, Timing, find_clock
 from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
 
-MAX_GAP_S = 0.5  # s: an estimate is interpolated over no longer gap; a target at 20 m/s turns visibly in more
-FEWEST_ROWS = 4  # below it every alignment fits anything
+LONGEST_BRIDGED_S = 0.5  # s: an estimate is interpolated over no longer gap; a target at 20 m/s turns visibly in more
+FEWEST_MATCHED = 4  # below it every alignment fits anything
 
 
 @dataclass(frozen=True)
@@ -53,20 +53,20 @@ def evaluate(
     truth: Path,
     alignment: Alignment = "yaw",
     timing: Timing = "rate",
-    max_gap_s: float = MAX_GAP_S,
+    max_gap_s: float = LONGEST_BRIDGED_S,
 ) -> Evaluation:
     """Score an estimate against the truth.
 
     The clock is searched under the same alignment that is then reported. Raises SkyfixError if fewer than four truth
     rows meet the estimate.
     """
-    if min(len(estimate.t_s), len(truth.t_s)) < FEWEST_ROWS:
+    if min(len(estimate.t_s), len(truth.t_s)) < FEWEST_MATCHED:
         raise _too_few(min(len(estimate.t_s), len(truth.t_s)))
     estimate, truth = _about_zero(estimate, truth)
     clock = find_clock(estimate, truth, alignment, timing, max_gap_s)
     t_s = clock(truth.t_s)
     at, inside = estimate.at(t_s, max_gap_s)
-    if inside.sum() < FEWEST_ROWS:
+    if inside.sum() < FEWEST_MATCHED:
         raise _too_few(int(inside.sum()))
     kept, true = at[inside][None], truth.enu[inside][None]
     motion = fit(alignment, kept, true, np.ones(kept.shape[:2]))

@@ -32,7 +32,7 @@ LOOSEST_ROLL_RAD: Final = 0.05  # 5 m at 100 m: beyond it a line of cameras is n
 SUPPORT_S: Final = 0.25  # another camera must have seen the object this close in time
 LONGEST_UNSEEN_S: Final = 1.0  # a flight is not continued across a longer gap
 SHORTEST_STRETCH_S: Final = 1.0  # a stretch has nine freedoms besides its jerk
-FEWEST_ROWS: Final = 5  # of each of a stretch's two best cameras
+FEWEST_STRETCH_ROWS: Final = 5  # of each of a stretch's two best cameras
 HIGHEST_RATE_HZ: Final = 30.0  # rows beyond it are copies of their neighbours' error
 
 
@@ -183,7 +183,7 @@ def lay_flight(cameras: tuple[Camera, ...], data: tuple[CameraData, ...], spacin
 def _says_enough(t_s: Array, seer: NDArray[np.int64]) -> bool:
     """Position, velocity and acceleration of a stretch need two cameras over a while."""
     rows = np.sort(np.unique(seer, return_counts=True)[1])[::-1]
-    return bool(np.ptp(t_s) >= SHORTEST_STRETCH_S and len(rows) >= 2 and rows[1] >= FEWEST_ROWS)
+    return bool(np.ptp(t_s) >= SHORTEST_STRETCH_S and len(rows) >= 2 and rows[1] >= FEWEST_STRETCH_ROWS)
 
 
 def first_control(

@@ -16,7 +16,7 @@ import numpy as np
 from calib.solving.series import SHORTEST_TRACK, TrackSeries, even
 from edge.common.arrays import Array
 
-ROWS: Final = 240  # rows of a pair that are compared: thirty unknown-free ones for each of the eight unknowns
+ALIGNED_ROWS: Final = 240  # rows of a pair that are compared: thirty unknown-free ones for each of the eight unknowns
 COARSE_STEP_S: Final = 0.1  # a UAV at 10 m/s and 100 m moves 10 mrad in it: well inside the cliff's width
 FINE_STEP_S: Final = 0.01  # the adjustment takes over from here
 NEAR_S: Final = 3.0  # clocks that were set at all agree to this
@@ -74,7 +74,7 @@ def _misfit(one: TrackSeries, two: TrackSeries, offsets: Array) -> tuple[Array, 
     chosen = np.flatnonzero(keep)
     if len(chosen) < SHORTEST_TRACK:
         return np.ones(len(offsets)), np.zeros(len(offsets))
-    chosen = chosen[even(len(chosen), ROWS)]
+    chosen = chosen[even(len(chosen), ALIGNED_ROWS)]
     t, rays1 = one.t_s[chosen], _spread(one.rays[chosen])
     scale, shift = _scaling(two.rays)
     systems, rows = np.empty((len(offsets), 9, 9)), np.empty(len(offsets))

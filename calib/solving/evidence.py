@@ -21,7 +21,7 @@ from calib.solving.survey_check import NetworkCheck
 from edge.common.arrays import Array
 
 GRID: Final = (6, 8)  # rows and columns the image is cut into: a lens's errors are smooth, and each cell needs rows
-SUPPORT_S: Final = 0.1  # two rows this near in time are of one place: 10 Hz cameras share every row
+BESIDE_S: Final = 0.1  # two rows this near in time are of one place: 10 Hz cameras share every row
 HELD_OUT_S: Final = 3.0  # a stretch held back: longer than a residual correlates, or its neighbours give it away
 FEWEST_HELD: Final = 20  # rows, below which a held-out residual says nothing
 
@@ -68,7 +68,7 @@ class HeldOut:
 class Evidence:
     """Per camera, in the order of the network: by_place and held_out (None: too few rows that two others see).
 
-    shared_rows: (C, C) rows of camera i within SUPPORT_S of a row of camera j of the same object; diagonal: all rows.
+    shared_rows: (C, C) rows of camera i within BESIDE_S of a row of camera j of the same object; diagonal: all rows.
     survey: the surveyed positions against the cameras; None with fewer than three surveyed. covariance: (14 C, 14 C)
     of all the cameras' unknowns in the order of projection.py: an attitude and a principal point err together.
     """
@@ -107,7 +107,7 @@ def _beside(t_s: Array, target: NDArray[np.int64], other_s: Array, other: NDArra
     found = np.zeros(len(t_s), bool)
     for one in np.unique(target):
         times, mine = np.sort(other_s[other == one]), np.flatnonzero(target == one)
-        found[mine] = gap_to_nearest_s(t_s[mine], times) <= SUPPORT_S
+        found[mine] = gap_to_nearest_s(t_s[mine], times) <= BESIDE_S
     return found
 
 

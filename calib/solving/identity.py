@@ -15,7 +15,7 @@ from calib.geometry.twoview import reprojection, triangulate
 from calib.solving.scaffold import Pose
 from calib.solving.series import SHORTEST_TRACK, TrackSeries, common
 
-ROWS: Final = 80  # common rows two tracks are compared at
+COMPARED_ROWS: Final = 80  # common rows two tracks are compared at
 SHORTEST_COMMON_S: Final = 1.0  # two tracks that share less have had no time to disagree
 Key = tuple[str, int]  # camera, track number
 
@@ -63,7 +63,7 @@ def _matches(
     for one, two in combinations(sorted(poses), 2):
         for a in tracks[one]:
             for b in tracks[two]:
-                seen = common([a], [b], offsets[one], offsets[two], ROWS)
+                seen = common([a], [b], offsets[one], offsets[two], COMPARED_ROWS)
                 if len(seen.t_s) < SHORTEST_TRACK or np.ptp(seen.t_s) < SHORTEST_COMMON_S:
                     continue
                 p, q = poses[one], poses[two]

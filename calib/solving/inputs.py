@@ -15,7 +15,7 @@ from edge.lens import LensModel
 
 STANDING_RAY: Final = 2e-3  # ray units over a whole track: 0.2 m at 100 m, what a lamp does in the wind
 STANDING_SIGMAS: Final = 10.0  # times the track's own noise
-FEWEST_ROWS: Final = 30  # of a camera: below it there is nothing to align
+FEWEST_CAMERA_ROWS: Final = 30  # of a camera: below it there is nothing to align
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,10 @@ def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] |
     cameras = [replace(c, position_enu=None, position_covariance=None) if local else c for c in scene.cameras]
     sites = {camera.id: camera for camera in cameras}
     rows = scene.observations
-    seen = {name: rows[name] for name in sorted(sites) if name in rows and len(rows[name]) >= FEWEST_ROWS}
-    left_out = {name: f"it saw the object in fewer than {FEWEST_ROWS} frames" for name in sites if name not in seen}
+    seen = {name: rows[name] for name in sorted(sites) if name in rows and len(rows[name]) >= FEWEST_CAMERA_ROWS}
+    left_out = {
+        name: f"it saw the object in fewer than {FEWEST_CAMERA_ROWS} frames" for name in sites if name not in seen
+    }
     if len(seen) < 2:
         raise CalibrationError(
             f"{len(seen)} cameras saw anything, two must", where=scene.site, action="check that the detectors run"

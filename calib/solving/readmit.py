@@ -22,7 +22,7 @@ from calib.solving.scaffold import FAIR_SHARE, Pose, threshold_ray
 from calib.solving.series import TrackSeries, even
 from edge.common.arrays import Array
 
-ROWS: Final = 300  # of a track that are tried
+TRIED_ROWS: Final = 300  # of a track that are tried
 PATIENCE: Final = 3.0  # times the scaffold's threshold: the adjustment weighs a poor camera by its own residuals
 
 
@@ -62,7 +62,7 @@ def _best(estimate: FlightEstimate, tracks: list[TrackSeries]) -> tuple[TrackSer
 
 def _points(estimate: FlightEstimate, track: TrackSeries, target: int, offset_s: float) -> tuple[Array, Array]:
     """Where the object was (N, 3) at a track's rows (N, 2) that lie on the flight."""
-    chosen = even(len(track.t_s), ROWS)
+    chosen = even(len(track.t_s), TRIED_ROWS)
     t = track.t_s[chosen] + offset_s
     stretch = estimate.flight.stretch_of(t, np.full(len(t), target, np.int64))
     on = stretch >= 0

@@ -21,7 +21,7 @@ from calib.errors import CalibrationError
 from calib.network import Camera
 from calib.solving.bootstrap import first_estimate
 from calib.solving.initial_estimate import InitialEstimate
-from calib.solving.inputs import FEWEST_ROWS, Inputs
+from calib.solving.inputs import FEWEST_CAMERA_ROWS, Inputs
 from calib.solving.survey_check import FALSE_ALARM, GAUGE, NetworkCheck, check_survey
 from edge.common.arrays import Array
 
@@ -53,7 +53,9 @@ def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
     weights: Weights | None = None  # of the round before, while the cameras stay the same
     while True:
         problem, estimate = _problem(inputs, initial, knots_s)
-        blind = [c.id for c, seen in zip(estimate.cameras, problem.data, strict=True) if len(seen.t_s) < FEWEST_ROWS]
+        blind = [
+            c.id for c, seen in zip(estimate.cameras, problem.data, strict=True) if len(seen.t_s) < FEWEST_CAMERA_ROWS
+        ]
         if blind:
             left_out[blind[0]] = "it hardly ever saw an object that another camera saw at the same time"
             initial = _without(initial, initial.cameras, blind[0])

@@ -19,7 +19,7 @@ from calib.geometry.twoview import relative_poses, triangulate
 from calib.solving.series import Common, TrackSeries, common, noise_ray
 from edge.common.arrays import Array
 
-ROWS: Final = 400  # common rows a relative pose is found from
+PAIR_ROWS: Final = 400  # common rows a relative pose is found from
 LENS_ERROR_RAY: Final = 0.006  # what a focal length 2 % off does at the middle of the image's half width
 NOISE_SIGMAS: Final = 3.5  # of the tracks' own white noise
 PAIRS_TRIED: Final = 6  # pairs with most common rows; a good scaffold is among the first two or three
@@ -64,7 +64,7 @@ def build(tracks: dict[str, list[TrackSeries]], offsets: dict[str, float]) -> Sc
     """
     names = sorted(offsets)
     shared = {
-        (one, two): common(tracks[one], tracks[two], offsets[one], offsets[two], ROWS)
+        (one, two): common(tracks[one], tracks[two], offsets[one], offsets[two], PAIR_ROWS)
         for one, two in combinations(names, 2)
     }
     ranked = sorted(shared, key=lambda pair: -_overlap(tracks, offsets, pair))[:PAIRS_TRIED]

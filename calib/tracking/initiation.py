@@ -18,7 +18,7 @@ from calib.tracking.options import Limits
 from calib.tracking.tracklets import SIGMA_FLOOR_M, NewTrack, Tracklet, bearing_sigma, straight_flight
 from edge.common.arrays import Array
 
-WINDOW_S: Final = 0.8  # s of rays looked at: a flight is nearly straight for so long
+STRAIGHT_S: Final = 0.8  # s of rays looked at: a flight is nearly straight for so long
 MEET_SIGMA: Final = 4.0  # one sigma of two rays' distance, that they may miss each other by
 MOST_INITIATED: Final = 8  # a scan: the rest come a tenth of a second later, and the loop never waits
 
@@ -27,7 +27,7 @@ def initiate(found: list[Tracklet], network: Network, motion: Singer, limits: Li
     """Tentative targets from tracklets, best supported first."""
     if len({tracklet.camera for tracklet in found}) < 2:
         return []
-    scan = _Scan(found, network, limits, now_s - WINDOW_S / 2)
+    scan = _Scan(found, network, limits, now_s - STRAIGHT_S / 2)
     initiated: list[NewTrack] = []
     used: set[int] = set()
     for members in scan.candidates():
@@ -48,7 +48,7 @@ class _Scan:
         self._camera = np.array([tracklet.camera for tracklet in found])
         self._centre = np.array([network.cameras[c].centre_enu for c in self._camera])
         self._sigma = np.array([bearing_sigma(tracklet, network) for tracklet in found])
-        early, late = t_s - WINDOW_S / 4, t_s + WINDOW_S / 4
+        early, late = t_s - STRAIGHT_S / 4, t_s + STRAIGHT_S / 4
         self._early = np.array([tracklet.at(early) for tracklet in found])
         self._late = np.array([tracklet.at(late) for tracklet in found])
 
@@ -57,7 +57,7 @@ class _Scan:
         first, second = np.nonzero(self._camera[:, None] < self._camera[None, :])
         miss_early, point_early = self._meet(first, second, self._early)
         miss_late, point_late = self._meet(first, second, self._late)
-        speed = np.linalg.norm(point_late - point_early, axis=1) / (WINDOW_S / 2)
+        speed = np.linalg.norm(point_late - point_early, axis=1) / (STRAIGHT_S / 2)
         miss = np.hypot(miss_early, miss_late)
         good = (miss_early < MEET_SIGMA) & (miss_late < MEET_SIGMA) & (speed < 2 * self._limits.max_speed_m_s)
         pairs = np.nonzero(good)[0]

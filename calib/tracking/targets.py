@@ -22,7 +22,7 @@ from calib.observations import Frame
 from calib.sighting import CameraView
 from calib.tracking.association import GATE, assign
 from calib.tracking.filterbank import Expected, FilterBank, Look, Rays
-from calib.tracking.initiation import WINDOW_S, initiate
+from calib.tracking.initiation import STRAIGHT_S, initiate
 from calib.tracking.options import TrackerOptions
 from calib.tracking.pixelbias import with_bias
 from calib.tracking.track_scores import AssociationEvidence, TrackScores
@@ -32,7 +32,7 @@ from edge.common.arrays import Array
 SCAN_S: Final = 0.1  # s between searches for new tracks
 LOOSE_RAYS: Final = 4000  # kept at most; a detector in flood must not slow the loop
 COASTS_AFTER_S: Final = 0.5  # s without a measurement: several frames of the slowest camera
-EDGE_PX: Final = 12.0  # a target so near the image's edge may be half outside: not seeing it proves nothing
+HALF_OUTSIDE_PX: Final = 12.0  # a target so near the image's edge may be half outside: not seeing it proves nothing
 SAME_LABEL_BONUS: Final = 4.0  # squared sigma: what a camera's own track number is worth where two targets cross
 DETECTED: Final = 0.8  # how often a camera that sees a target reports it
 CLUTTER_A_FRAME: Final = 1.0
@@ -153,7 +153,7 @@ class Tracker:
         expected = self._bank.expect(prediction, sighting, number)
         pairs, odds = self._match(number, label, rays, expected)
         which, detection = np.array([p[0] for p in pairs], int), np.array([p[1] for p in pairs], int)
-        due = sighting.valid & self._views[number].inside(sighting.pixels, EDGE_PX)
+        due = sighting.valid & self._views[number].inside(sighting.pixels, HALF_OUTSIDE_PX)
         if pairs:
             chosen = rays.chosen(detection)
             look = Look(number, self._views[number], sighting.chosen(which), chosen)
@@ -211,7 +211,7 @@ class Tracker:
         return self._delete_tracks(now_s)
 
     def _initiate_tracks(self, now_s: float) -> None:
-        while self._loose and self._loose[0].t_s < now_s - WINDOW_S:
+        while self._loose and self._loose[0].t_s < now_s - STRAIGHT_S:
             self._loose.popleft()
         if len(self._loose) < 2:
             return

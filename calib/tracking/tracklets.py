@@ -18,7 +18,7 @@ from calib.tracking.options import Limits
 from edge.common.arrays import Array
 
 MIN_RAYS: Final = 3  # a line in time through two rays always fits
-MIN_SPAN_S: Final = 0.06  # s: two frames at 30 Hz; less says nothing of motion
+LEAST_TRACKLET_S: Final = 0.06  # s: two frames at 30 Hz; less says nothing of motion
 FRESH_S: Final = 0.4  # s since a track's last ray; older ones no longer tell where the object is
 MAX_BEND: Final = 6.0  # sigma, median: a hard turn bends a track by less, a number given to another object by more
 MAX_FIT: Final = 3.0  # mean squared normalised residual: 1 for a true target, much more for a ghost
@@ -79,7 +79,7 @@ def tracklets(rays: Iterable[LooseRay], network: Network, now_s: float) -> list[
 
 def _tracklet(key: tuple[int, int], rays: list[LooseRay], network: Network, now_s: float) -> Tracklet | None:
     t_s = np.array([ray.t_s for ray in rays])
-    if t_s.max() < now_s - FRESH_S or np.ptp(t_s) < MIN_SPAN_S:
+    if t_s.max() < now_s - FRESH_S or np.ptp(t_s) < LEAST_TRACKLET_S:
         return None
     camera = network.cameras[key[0]]
     bearings = camera.bearings_enu(np.array([(ray.u_px, ray.v_px) for ray in rays]))

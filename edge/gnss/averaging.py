@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.common.arrays import Array
+from edge.common.static_rtk import LEAST_STATIC_SIGMA_M
 
 TAU_S: Final = 20.0  # correlation time of the fast part of the error, measured on network RTK
 SLOW_TAU_S: Final = 400.0  # and of the slow part, which only a second occupation later averages
 PRIOR_WEIGHT: Final = 1.0  # the prior counts as one correlation time's worth of data
-LEAST_SIGMA_M: Final = (0.004, 0.004, 0.008)  # no receiver on a tripod does better, whatever it says
 POLE_SIGMA_M: Final = (0.003 / math.sqrt(2), 0.003 / math.sqrt(2), 0.002)  # levelling and height of the antenna
 PPM: Final = 1e-6  # of the baseline to the base station: the receivers' own data sheets
 
@@ -119,7 +119,7 @@ def average(
     resolution = np.array([step_m[0], step_m[0], step_m[1]]) / math.sqrt(12)
     floor = np.array(service.floor_m)
     fixed = np.sqrt(np.array(POLE_SIGMA_M) ** 2 + resolution**2 + (PPM * baseline_m) ** 2)
-    sigma = np.maximum(np.sqrt(scatter**2 + floor**2 + fixed**2), LEAST_SIGMA_M)
+    sigma = np.maximum(np.sqrt(scatter**2 + floor**2 + fixed**2), LEAST_STATIC_SIGMA_M)
     drift = None if fault else _drift(t_s[agreeing], enu_m[agreeing], service)
     fault = drift.fault if drift else fault
     young = not fault and (keep.sum() < MIN_SAMPLES or observed_s < MIN_DURATION_S)

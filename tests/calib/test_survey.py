@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from calib.errors import CalibrationError
 from calib.geodesy import enu_to_geodetic, geodetic_to_enu
 from calib.survey import (
-    LEAST_SIGMA_M,
     MAX_APART_H_M,
     MAX_APART_V_M,
     UNKNOWN_FRAME_SIGMA_M,
@@ -22,6 +21,7 @@ from calib.survey import (
     combine,
     loop_closure,
 )
+from edge.common.static_rtk import LEAST_STATIC_SIGMA_M
 
 HERE = (48.0, 11.0, 500.0)
 ANTENNA = Antenna(above_lens_m=0.25, measured_to="phase-centre")
@@ -84,7 +84,7 @@ def test_soon_after_the_slow_error_is_shared_and_later_it_is_halved() -> None:
 
 def test_sigma_has_a_floor() -> None:
     many = [occupied(minute=30 * i, fixed_m=(0.0, 0.0, 0.0)) for i in range(20)]
-    assert combine(many, where="cam1").sigma_m == pytest.approx(LEAST_SIGMA_M)
+    assert combine(many, where="cam1").sigma_m == pytest.approx(LEAST_STATIC_SIGMA_M)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calib.scoring.alignment import ALIGNMENTS
 from calib.scoring.timing import TIMINGS, Path
-from calib.scoring.trajectory import MAX_GAP_S, Evaluation, evaluate
+from calib.scoring.trajectory import LONGEST_BRIDGED_S, Evaluation, evaluate
 from calib.station.archive.tables import numbers, read_table, whole_numbers
 from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
@@ -93,7 +93,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--align", choices=ALIGNMENTS, default="yaw", help="what is given away (default: yaw)")
     parser.add_argument("--time", choices=TIMINGS, default="rate", help="what is found of the clocks (default: rate)")
     parser.add_argument("--track", type=int, help="one track alone (default: all that can be one object)")
-    parser.add_argument("--max-gap", type=float, default=MAX_GAP_S, metavar="S", help="longest gap interpolated over")
+    parser.add_argument(
+        "--max-gap", type=float, default=LONGEST_BRIDGED_S, metavar="S", help="longest gap interpolated over"
+    )
     parser.add_argument("--json", type=FilePath, metavar="FILE", help="write the result there as well")
 
 

@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from calib.guarding.monitor import DISCIPLINED_S, Guard
+from calib.guarding.monitor import DISCIPLINED_SIGMA_S, Guard
 from calib.network import Camera, Network
 from calib.observations import SiteCamera
 from calib.station.config import BaseConfig, CameraSection
@@ -233,7 +233,9 @@ class Station:
     def _watch(self, now_unix_ns: int) -> None:
         self._restarts(now_unix_ns)
         for camera in self.intake.cameras.values():
-            bound_s = UNDISCIPLINED_S if camera.clock_bound_s is None else max(camera.clock_bound_s, DISCIPLINED_S)
+            bound_s = (
+                UNDISCIPLINED_S if camera.clock_bound_s is None else max(camera.clock_bound_s, DISCIPLINED_SIGMA_S)
+            )
             self.guard.clock_sigma_s[camera.id] = bound_s
         for finding in self.guard.findings(now_unix_ns):
             if finding.camera in self.calibration.trusted:

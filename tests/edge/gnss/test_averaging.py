@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from edge.common.arrays import Array
+from edge.common.static_rtk import LEAST_STATIC_SIGMA_M
 from edge.gnss.averaging import (
     HOLD_EPOCHS,
-    LEAST_SIGMA_M,
     MIN_DURATION_S,
     SERVICES,
     StaticMean,
@@ -63,7 +63,7 @@ def test_the_variance_of_a_correlated_mean() -> None:
 
 def test_sigma_never_falls_below_what_a_tripod_allows() -> None:
     still = mean_of(np.zeros((1000, 3)))
-    assert np.all(still.sigma_m >= LEAST_SIGMA_M)
+    assert np.all(still.sigma_m >= LEAST_STATIC_SIGMA_M)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.3])
