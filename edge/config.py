@@ -187,11 +187,21 @@ class CameraConfig(Section, frozen=True, kw_only=True):
     id: Annotated[Name, Meta(description="unique on the site, and the same in the base's list")]
     source: SourceConfig
     lens: Annotated[str | LensConfig, Meta(description="a lens file, or the numbers themselves")]
-    readout_s: Annotated[float, Meta(ge=0, le=1, description="first to last row of a rolling shutter")] = 0.0
+    readout_s: (
+        Annotated[
+            float,
+            Meta(ge=0, le=1, description="first to last row of a rolling shutter, 0 for a global; left out: not known"),
+        ]
+        | None
+    ) = None
     exposure_s: Annotated[float, Meta(ge=0, le=1, description="known exposure, used with source.stamp_of")] = 0.0
     cores: Annotated[tuple[Core, ...], Meta(description="CPU cores its threads are kept to; empty for any")] = ()
     detector: DetectorConfig | None = None
     gate: GateConfig | None = None
+
+    def __post_init__(self) -> None:
+        if self.source.stamp_of == "frame_end" and self.readout_s is None:
+            raise ValueError('source.stamp_of = "frame_end" is told from readout_s: give it, 0 for a global shutter')
 
 
 class BoxConfig(Section, frozen=True, kw_only=True):

@@ -34,11 +34,18 @@ MAX_T_UNIX_NS: Final = 4_000_000_000 * 10**9
 TimeNs = Annotated[int, Meta(ge=MIN_T_UNIX_NS, le=MAX_T_UNIX_NS)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 # A pixel may lie a little outside the image (an interpolated row), never far.
-Pixel = Annotated[float, Meta(ge=-1e5, le=1e5)]
+MAX_PIXEL: Final = 1e5
+MAX_RAY: Final = 1e3  # beyond, a ray is sideways
+Pixel = Annotated[float, Meta(ge=-MAX_PIXEL, le=MAX_PIXEL)]
+Ray = Annotated[float, Meta(ge=-MAX_RAY, le=MAX_RAY)]
 Metre = Annotated[float, Meta(ge=-1e8, le=1e8)]
 Seconds = Annotated[float, Meta(ge=0, le=1e6)]
 Probability = Annotated[float, Meta(ge=0, le=1)]
 Sigma = Annotated[float, Meta(ge=0, le=1e6)]
+Latitude = Annotated[float, Meta(ge=-90, le=90)]
+Longitude = Annotated[float, Meta(ge=-180, le=180)]
+Height = Annotated[float, Meta(ge=-1000, le=10000)]
+Position = tuple[Latitude, Longitude, Height]  # degrees, ellipsoidal metres
 SizePx = tuple[Annotated[int, Meta(ge=1, le=65535)], Annotated[int, Meta(ge=1, le=65535)]]
 
 
@@ -48,8 +55,8 @@ class Detection(msgspec.Struct, frozen=True, kw_only=True):
     track: Annotated[int, Meta(ge=0, le=2**53)]
     u_px: Pixel
     v_px: Pixel
-    ray_x: Annotated[float, Meta(ge=-1e3, le=1e3)]
-    ray_y: Annotated[float, Meta(ge=-1e3, le=1e3)]
+    ray_x: Ray
+    ray_y: Ray
     width_px: Annotated[float, Meta(ge=0, le=1e5)]
     height_px: Annotated[float, Meta(ge=0, le=1e5)]
     score: Probability
@@ -61,6 +68,7 @@ class Detection(msgspec.Struct, frozen=True, kw_only=True):
 class Tracks(msgspec.Struct, frozen=True, kw_only=True):
     """What one camera saw in one frame. An empty `detections` means "sees nothing"; silence means "is gone".
 
+    readout_s: first to last row of a rolling shutter; 0: a global shutter; null: the box does not know.
     late: rows that were found out later, about a frame that is past; out of order on purpose.
     """
 
@@ -69,7 +77,7 @@ class Tracks(msgspec.Struct, frozen=True, kw_only=True):
     epoch: Annotated[int, Meta(ge=0, le=2**53)]
     clock_bound_s: Seconds | None
     size_px: SizePx
-    readout_s: Annotated[float, Meta(ge=0, le=1)]
+    readout_s: Annotated[float, Meta(ge=0, le=1)] | None
     detections: Annotated[list[Detection], Meta(max_length=MAX_DETECTIONS)]
     late: bool = False
 
@@ -108,9 +116,9 @@ class Fix(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     t_unix_ns: TimeNs
-    lat_deg: Annotated[float, Meta(ge=-90, le=90)]
-    lon_deg: Annotated[float, Meta(ge=-180, le=180)]
-    height_m: Annotated[float, Meta(ge=-1000, le=10000)]
+    lat_deg: Latitude
+    lon_deg: Longitude
+    height_m: Height
     quality: Annotated[int, Meta(ge=0, le=8)]
     sigma_m: tuple[Sigma, Sigma, Sigma]
     frame: str
@@ -189,6 +197,29 @@ class NetworkMessage(msgspec.Struct, frozen=True, kw_only=True):
     rms_px: float | None = None
 
 
+class SurveyedCamera(msgspec.Struct, frozen=True, kw_only=True):
+    """A camera that the configuration names, and the position of its optical centre if the survey gives one.
+
+    position: latitude deg, longitude deg, ellipsoidal m; position_sigma_m: one sigma east, north, up.
+    """
+
+    id: Name
+    position: Position | None = None
+    position_sigma_m: tuple[Sigma, Sigma, Sigma] | None = None
+
+
+class SurveyMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The configured cameras and survey in force: what a recording needs to be solved by itself.
+
+    origin: of the local frame, if the configuration gives one. At the head of every file of a recording.
+    """
+
+    t_unix_ns: TimeNs
+    site: Name
+    origin: Position | None = None
+    cameras: list[SurveyedCamera]
+
+
 class SpooledEpoch(msgspec.Struct, frozen=True, kw_only=True):
     """What a box still has on disk of one run of its program: sequence numbers first to last, `rows` of them."""
 
@@ -227,6 +258,7 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "station/network": NetworkMessage,
     "station/targets": Targets,
     "station/health": Health,
+    "station/survey": SurveyMessage,
 }
 
 Message = TypeVar("Message", bound=msgspec.Struct)

@@ -20,12 +20,11 @@ from edge.config import GateConfig
 from edge.detector.detections import Detections, Detector
 from edge.gate import Gate, TrackRow, make_gate
 from edge.lens import LensModel, pixel_to_ray
-from edge.messages import Detection, Tracks
+from edge.messages import MAX_RAY, Detection, Tracks
 from edge.view import ViewWatch
 
 SILENCE_NS: Final = 500_000_000  # "sees nothing" is said twice a second; the contract asks for once
 STEPPED_BACK_NS: Final = 1_000_000_000  # further back than this the clock was set, and tracking begins anew
-RAY_LIMIT: Final = 1e3  # beyond, a ray is sideways: the contract refuses it
 NOWHERE: Final = np.zeros((0, 3))
 
 
@@ -35,7 +34,7 @@ class CameraFacts:
 
     id: str
     lens: LensModel
-    readout_s: float
+    readout_s: float | None
     gate: GateConfig
     epoch: int
 
@@ -134,7 +133,7 @@ class Pipeline:
         if not rows:
             return []
         rays = pixel_to_ray(self._facts.lens, np.array([(row.u_px, row.v_px) for row in rows]))
-        usable = np.all(np.isfinite(rays) & (np.abs(rays) < RAY_LIMIT), axis=1)
+        usable = np.all(np.isfinite(rays) & (np.abs(rays) < MAX_RAY), axis=1)
         self._counts["rows_without_ray"] += int((~usable).sum())
         self._counts["rows_published"] += int(usable.sum())
         return [(row, ray) for row, ray, good in zip(rows, rays, usable.tolist(), strict=True) if good]

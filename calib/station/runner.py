@@ -20,6 +20,7 @@ from calib.station.boxes import Boxes
 from calib.station.config import BaseConfig
 from calib.station.core.jobs import SolveResult
 from calib.station.core.station import Station, Tick
+from calib.station.core.surveyed_site import SurveyedSite
 from calib.station.display import open_display
 from calib.station.latency import Latencies
 from calib.station.outputs.registry import OutputHost, open_outputs
@@ -56,6 +57,8 @@ class Runner:
         state = self.keeper.load(set(cameras))
         self.epoch = state.epoch
         self.recording = stack.enter_context(closing(StationRecording(config.recording, folder, site)))
+        survey = SurveyedSite(site, config.site.origin, cameras).message(self.began_ns)
+        self.recording.hold(station_key(site, "survey"), encode(survey))
         self.worker = stack.enter_context(Worker(solver))
         host = OutputHost(config.site, folder, state, self._record_own, self._keep_signing_ticks)
         self.outputs = open_outputs(config, host, stack)

@@ -73,7 +73,7 @@ def open_source(
             colour=colour,
             stamp_of=source.stamp_of,
             exposure_s=camera.exposure_s,
-            readout_s=camera.readout_s,
+            readout_s=camera.readout_s or 0.0,
             delay_s=source.delay_s,
             unix_ns=unix_ns,
         )

@@ -97,7 +97,7 @@ def main() -> int:
         if not heard:
             raise SkyfixError("no position came", where=str(OUTPUT), action="see the log there")
         first_ns = min(message.t_ns for message in source.messages(epoch=0))
-        origin = source.scene.origin if source.scene else (0.0, 0.0, 0.0)
+        origin = (source.folder and source.folder.site.origin) or (0.0, 0.0, 0.0)
         path = heard_path(heard, origin)
         result = evaluate(path, read_truth(arguments.truth or arguments.source / "truth.csv"), arguments.align)
     except SkyfixError as error:

@@ -27,7 +27,7 @@ from calib.simulation.description import CameraSpec, LensFault, ObjectSpec, Simu
 from calib.simulation.simulation import simulate
 from calib.solving.solution import Solution
 from calib.solving.solve import solve
-from calib.station.archive import trackfolder
+from calib.station.archive.replay_source import play_back
 from calib.station.commands.score import read_trajectory, read_truth
 from calib.station.commands.solve import restricted
 from edge.common.arrays import Array
@@ -77,7 +77,7 @@ def _scored(name: str, folder: Path) -> Iterator[Row]:
             result = evaluate(path, truth, alignment, "rate")  # type: ignore[arg-type]
             yield f"{name}: {alignment}-aligned {what}", f"{asked:g} m", f"{getattr(result, what):.3f} m"
     network = from_toml((folder / "network.toml").read_text(encoding="utf-8"))
-    sites = {camera.id: camera.position_enu for camera in trackfolder.load(RECORDINGS / name).cameras}
+    sites = {camera.id: camera.position_enu for camera in play_back(RECORDINGS / name).scene.cameras}
     surveyed = [(camera.centre_enu, sites[camera.id]) for camera in network.cameras]
     off = [np.sum((centre - known) ** 2) for centre, known in surveyed if known is not None]
     yield f"{name}: centres against survey, rms", f"{CENTRES_M[name]:g} m", f"{np.sqrt(np.mean(off)):.3f} m"
@@ -85,7 +85,7 @@ def _scored(name: str, folder: Path) -> Iterator[Row]:
 
 def windows(_: int) -> Iterator[Row]:
     """Any 60 s of eth3 that four cameras see: trajectory against the whole flight's, and CPU seconds."""
-    scene = trackfolder.load(RECORDINGS / "eth3")
+    scene = play_back(RECORDINGS / "eth3").scene
     whole = _by_time(solve(scene))
     first = min(int(seen.t_unix_ns[0]) for seen in scene.observations.values())
     last = max(int(seen.t_unix_ns[-1]) for seen in scene.observations.values())
@@ -117,7 +117,7 @@ def _by_time(solution: Solution) -> dict[int, Array]:
 
 def clocks(_: int) -> Iterator[Row]:
     """Offsets and rates added to eth3's cameras: recovered relative to the unaltered solution."""
-    scene = trackfolder.load(RECORDINGS / "eth3")
+    scene = play_back(RECORDINGS / "eth3").scene
     names = [camera.id for camera in scene.cameras]
     added = {name: OFFSETS_S[k % len(OFFSETS_S)] for k, name in enumerate(names)}
     rates = {name: RATE * (-1) ** k * (k > 0) for k, name in enumerate(names)}

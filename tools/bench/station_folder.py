@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.geodesy import enu_to_geodetic
 from calib.observations import Scene, SiteCamera
-from calib.station.archive import trackfolder
+from calib.station.archive.replay_source import play_back
 from calib.station.config import BaseConfig, CameraSection, SiteSection
 from calib.station.core.jobs import SolveJob, SolveResult
 from calib.station.core.station import Station
@@ -158,7 +158,7 @@ def main() -> None:
         "--solve-s", type=float, help="seconds of the recording that a solve takes; default: as it took"
     )
     options = parser.parse_args()
-    scene = trackfolder.load(options.folder)
+    scene = play_back(options.folder).scene
     live = play(scene, options.to, options.solve_s)
     if not len(live):
         print("nothing was sent")

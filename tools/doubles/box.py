@@ -35,7 +35,7 @@ class Player:
         site = tomllib.loads((folder / "site.toml").read_text())
         facts = next(item for item in site["camera"] if item["id"] == camera)
         self.size_px = (int(facts["size_px"][0]), int(facts["size_px"][1]))
-        self.readout_s = float(facts.get("readout_s", 0.0))
+        self.readout_s = facts.get("readout_s")
         self.lens = LensModel(
             model=facts["lens"],
             intrinsics=tuple(facts["intrinsics"]),

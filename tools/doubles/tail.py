@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from calib.station.archive.recording import Recorded
+from calib.station.core.playback import Recorded
 
 MAGIC_BYTES: Final = 8
 HEAD: Final = struct.Struct("<BQ")  # opcode, length

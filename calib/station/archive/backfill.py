@@ -17,7 +17,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from calib.station.archive.ledger import Gap, Ledger, Ranges
+from calib.station.archive.ledger import Gap, Ledger
+from calib.station.core.ranges import Ranges
 from edge.common.atomic import write_atomically
 from edge.common.errors import MessageError
 from edge.common.own_thread import OwnThread

@@ -2,7 +2,9 @@
 
 The hazard is the end that never comes: power cuts, kill -9, a full disk. So nothing waits in a buffer: each message is
 in the file before anything is computed from it, messages are not gathered into chunks, and a file without an end is
-read up to where it breaks off. Foxglove opens the files as they are: one channel a key, JSON with its schema.
+read up to where it breaks off. And a file without its beginning: what was said once, long ago, the survey, a lens, is
+said again at the head of every file, so that each can be solved by itself. Foxglove opens the files as they are: one
+channel a key, JSON with its schema.
 """
 
 import logging
@@ -12,7 +14,7 @@ import struct
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 from mcap.exceptions import McapError
@@ -20,6 +22,7 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
+from calib.station.core.playback import Recorded
 from edge import __version__
 from edge.common.errors import RecordingError
 from edge.common.own_thread import OwnThread
@@ -31,15 +34,8 @@ SYNC_S: Final = 2.0  # the most a power cut may cost
 CLOSE_S: Final = 1.5  # for the last push; a card that takes longer is left to it
 LONGEST_RECORD: Final = 1 << 24  # bytes: a length beyond it is damage, not a message
 CHECK_DISK_NS: Final = 5_000_000_000
+STATE_TOPICS: Final = ("survey", "lens", "fix", "calibration")  # said once and holding on: each file begins with them
 FREE_JSON: Final = b'{"type": "object"}'
-
-
-class Recorded(NamedTuple):
-    """One message of a recording: its key, when it arrived (ns, the recording's own clock), its bytes."""
-
-    key: str
-    t_arrival_ns: int
-    payload: bytes
 
 
 class _Syncer(OwnThread):
@@ -99,6 +95,7 @@ class Recorder:
         self._max_bytes, self._min_free_bytes = max_file_mb * 10**6, min_free_mb * 10**6
         self._writer: Writer | None = None
         self._channels: dict[str, int] = {}
+        self._states: dict[str, bytes] = {}  # the last message of each key of STATE_TOPICS
         self._disk_ns = 0
         self._full = False
         self.path: Path | None = None
@@ -108,19 +105,30 @@ class Recorder:
     def write(self, key: str, payload: bytes, now_ns: int, t_message_ns: int | None = None) -> None:
         """Put one message into the file. now_ns: UTC of its arrival."""
         if self._full and now_ns < self._disk_ns:
+            self.hold(key, payload)
             return
         try:
             if self._writer is None or self._writer_is_long():
                 self._begin(now_ns)
+            self.hold(key, payload)
             if now_ns >= self._disk_ns:
                 self._look_at_disk(now_ns)
             if self._full or self._writer is None:
                 return
-            channel = self._channels.get(key) or self._register(key)
-            self._writer.add_message(channel, now_ns, payload, t_message_ns or now_ns, self.messages & 0xFFFFFFFF)
-            self.messages += 1
+            self._add(key, payload, now_ns, t_message_ns or now_ns)
         except OSError as error:
             self._stop(now_ns, f"recording stopped: {error}")
+
+    def hold(self, key: str, payload: bytes) -> None:
+        """Note a message of a state while nothing is recorded: each file begins with the states then in force."""
+        if key.rpartition("/")[2] in STATE_TOPICS:
+            self._states[key] = payload
+
+    def _add(self, key: str, payload: bytes, now_ns: int, t_message_ns: int) -> None:
+        assert self._writer is not None
+        channel = self._channels.get(key) or self._register(key)
+        self._writer.add_message(channel, now_ns, payload, t_message_ns, self.messages & 0xFFFFFFFF)
+        self.messages += 1
 
     def close(self) -> None:
         """Give the file its end."""
@@ -149,6 +157,8 @@ class Recorder:
         )
         self._writer.start(profile="skyfix", library=f"skyfix {__version__}")
         self._look_at_disk(now_ns)
+        for key, payload in self._states.items() if not self._full else ():
+            self._add(key, payload, now_ns, now_ns)
 
     def _end(self) -> None:
         if self._writer is None:

@@ -2,11 +2,12 @@
 
 The hazard is a replay that helps: one that waits, sorts or leaves out what a real site would not. A recording is
 therefore played byte by byte in the order of arrival; a track folder becomes what its boxes would have sent, silence
-included, for a camera that sees nothing says so once a second.
+included, for a camera that sees nothing says so once a second. `solve` reads the same messages, without the silence.
 """
 
+import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -14,13 +15,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.geodesy import enu_to_geodetic
-from calib.observations import Observations, Scene, SiteCamera
+from calib.geodesy import Origin, enu_to_geodetic
+from calib.observations import SiteCamera
 from calib.station.archive import recording, trackfolder
+from calib.station.archive.trackfolder import TrackFolder, TrackRows
+from calib.station.core.playback import Played, Recorded, play
+from calib.station.core.surveyed_site import SurveyedSite
 from edge.common.arrays import Array
 from edge.common.errors import RecordingError
 from edge.lens import pixel_to_ray
-from edge.messages import Detection, Fix, Lens, Tracks, camera_of_key, encode
+from edge.messages import MAX_RAY, Detection, Fix, Lens, Tracks, camera_key, camera_of_key, encode
+
+log = logging.getLogger(__name__)
 
 SILENCE_NS: Final = 1_000_000_000  # a camera that sees nothing says so this often
 STATES: Final = ("lens", "fix")  # topics that late joiners are told too
@@ -44,18 +50,18 @@ class ReplaySource:
     site: str
     cameras: tuple[str, ...]
     path: Path
-    scene: Scene | None = None
+    folder: TrackFolder | None = None
 
     def messages(self, epoch: int) -> Iterator[Said]:
         """All messages in order. epoch: of made-up ones; recorded ones keep theirs."""
-        return _of_recording(self.path) if self.scene is None else _of_scene(self.scene, epoch)
+        return _of_recording(self.path) if self.folder is None else _of_folder(self.folder, epoch)
 
 
 def open_source(path: Path) -> ReplaySource:
     """A track folder or a recording. Raises ConfigError or RecordingError naming what is wrong with it."""
     if path.is_dir():
-        scene = trackfolder.load(path)
-        return ReplaySource(scene.site, tuple(camera.id for camera in scene.cameras), path, scene)
+        folder = trackfolder.read(path)
+        return ReplaySource(folder.site.name, tuple(camera.id for camera in folder.cameras), path, folder)
     keys = {message.key for message in recording.read(path)}
     cameras = sorted({camera for key in keys if (camera := camera_of_key(key)) is not None})
     if not cameras:
@@ -71,35 +77,59 @@ def _of_recording(path: Path) -> Iterator[Said]:
             yield Said(message.t_arrival_ns, camera, topic, message.payload)
 
 
-def _of_scene(scene: Scene, epoch: int) -> Iterator[Said]:
+def play_back(path: Path, site: SurveyedSite | None = None) -> Played:
+    """A track folder or a recording through the station's own intake. site: another survey than a recording's own.
+
+    Raises ConfigError or RecordingError naming what is wrong with it.
+    """
+    if path.is_dir():
+        return _play_folder(trackfolder.read(path))
+    return play(recording.read(path), site)
+
+
+def _play_folder(folder: TrackFolder) -> Played:
+    name = folder.site.name
+    messages = (
+        Recorded(camera_key(name, said.camera, said.topic), said.t_ns, said.payload)
+        for said in _of_folder(folder, epoch=1, silence=False)
+        if said.topic != "fix"  # the survey says it, with more digits
+    )
+    # Its stamps are all there is: nobody knows when its rows came, and its cameras may be hours apart.
+    played = play(messages, folder.site, arrivals_are_real=False)
+    levels = {camera.id: (camera.up_cam, camera.up_sigma_deg) for camera in folder.cameras}
+    cameras = tuple(
+        replace(camera, up_cam=levels[camera.id][0], up_sigma_deg=levels[camera.id][1])
+        for camera in played.scene.cameras
+    )
+    return replace(played, scene=replace(played.scene, cameras=cameras))
+
+
+def _of_folder(folder: TrackFolder, epoch: int, *, silence: bool = True) -> Iterator[Said]:
     """Lenses and positions first, then every frame of every camera by its stamp."""
-    observations = {
-        camera.id: scene.observations[camera.id] for camera in scene.cameras if camera.id in scene.observations
-    }
-    if not any(len(seen) for seen in observations.values()):
-        raise RecordingError("its tracks hold no row", where=scene.site, action="give a folder with observations")
-    first = min(int(seen.t_unix_ns[0]) for seen in observations.values() if len(seen))
-    last = max(int(seen.t_unix_ns[-1]) for seen in observations.values() if len(seen))
-    for camera in scene.cameras:
+    rows = {camera.id: folder.rows[camera.id] for camera in folder.cameras if camera.id in folder.rows}
+    if not any(len(own.t_unix_ns) for own in rows.values()):
+        raise RecordingError("its tracks hold no row", where=folder.site.name, action="give a folder with observations")
+    first = min(int(own.t_unix_ns[0]) for own in rows.values() if len(own.t_unix_ns))
+    last = max(int(own.t_unix_ns[-1]) for own in rows.values() if len(own.t_unix_ns))
+    for camera in folder.cameras:
         yield Said(first, camera.id, "lens", encode(Lens.of(camera.lens)))
         if camera.position_enu is not None:
-            yield Said(first, camera.id, "fix", encode(_fix(camera, scene, first)))
-    boxes = [
-        _ReplayedBox(camera, observations[camera.id], epoch) for camera in scene.cameras if camera.id in observations
-    ]
-    frames = [box.frames(first, last) for box in boxes]
+            yield Said(first, camera.id, "fix", encode(_fix(camera, folder.site.origin, first)))
+    boxes = [_ReplayedBox(camera, rows[camera.id], epoch) for camera in folder.cameras if camera.id in rows]
+    frames = [box.frames(first, last, silence=silence) for box in boxes]
     t_ns = np.concatenate([stamps for stamps, _ in frames])
     owner = np.repeat(np.arange(len(boxes)), [len(stamps) for stamps, _ in frames])
-    rows = np.concatenate([start for _, start in frames])
+    starts = np.concatenate([start for _, start in frames])
     for k in np.argsort(t_ns, kind="stable").tolist():
         box = boxes[owner[k]]
-        yield Said(int(t_ns[k]), box.camera.id, "tracks", encode(box.message(int(t_ns[k]), int(rows[k]))))
+        yield Said(int(t_ns[k]), box.camera.id, "tracks", encode(box.message(int(t_ns[k]), int(starts[k]))))
 
 
-def _fix(camera: SiteCamera, scene: Scene, t_unix_ns: int) -> Fix:
+def _fix(camera: SiteCamera, origin: Origin | None, t_unix_ns: int) -> Fix:
+    assert origin is not None
     assert camera.position_enu is not None
     assert camera.position_covariance is not None
-    lat, lon, height = enu_to_geodetic(camera.position_enu[None], scene.origin)[0].tolist()
+    lat, lon, height = enu_to_geodetic(camera.position_enu[None], origin)[0].tolist()
     east, north, up = np.sqrt(np.diag(camera.position_covariance)).tolist()
     return Fix(
         t_unix_ns=t_unix_ns,
@@ -117,16 +147,26 @@ def _fix(camera: SiteCamera, scene: Scene, t_unix_ns: int) -> Fix:
 class _ReplayedBox:
     """A camera box that says again what its track file holds."""
 
-    def __init__(self, camera: SiteCamera, seen: Observations, epoch: int) -> None:
+    def __init__(self, camera: SiteCamera, rows: TrackRows, epoch: int) -> None:
         self.camera = camera
-        self._seen = seen
-        self._rays: Array = pixel_to_ray(camera.lens, seen.pixels)
+        self._rows = rows
+        rays = pixel_to_ray(camera.lens, rows.pixels)
+        outside = ~np.all(np.abs(rays) <= MAX_RAY, axis=1)  # nan is
+        if outside.any():
+            log.warning(
+                "camera %s: its lens model has no ray for %d of %d rows, which are left out; check its lens file",
+                camera.id, outside.sum(), len(outside),
+            )  # fmt: skip
+        rays[outside] = np.nan
+        self._rays: Array = rays
         self._epoch = epoch
         self._seq = 0
 
-    def frames(self, first_ns: int, last_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def frames(self, first_ns: int, last_ns: int, *, silence: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Stamps (F,) of the frames to tell of, in order, and the first row (F,) of each; -1 for one that is empty."""
-        stamps, start = np.unique(self._seen.t_unix_ns, return_index=True)
+        stamps, start = np.unique(self._rows.t_unix_ns, return_index=True)
+        if not silence:
+            return stamps, start
         edges = np.concatenate([[first_ns], stamps, [last_ns]])
         silent = [
             np.arange(before + SILENCE_NS, after, SILENCE_NS)
@@ -142,7 +182,7 @@ class _ReplayedBox:
     def message(self, t_unix_ns: int, row: int) -> Tracks:
         """The frame whose first row that is; an empty one for -1."""
         detections = []
-        while 0 <= row < len(self._seen) and self._seen.t_unix_ns[row] == t_unix_ns:
+        while 0 <= row < len(self._rays) and self._rows.t_unix_ns[row] == t_unix_ns:
             if np.isfinite(self._rays[row, 0]):
                 detections.append(self._detection(row))
             row += 1
@@ -153,21 +193,20 @@ class _ReplayedBox:
             epoch=self._epoch,
             clock_bound_s=self.camera.clock_bound_s,
             size_px=self.camera.lens.size_px,
-            readout_s=self.camera.readout_s or 0.0,
+            readout_s=self.camera.readout_s,
             detections=detections,
         )
 
     def _detection(self, row: int) -> Detection:
-        (u, v), (x, y), sigma = self._seen.pixels[row], self._rays[row], self._seen.sigma_px
+        (u, v), (x, y) = self._rows.pixels[row].tolist(), self._rays[row].tolist()
         return Detection(
-            track=int(self._seen.track[row]),
-            u_px=float(u),
-            v_px=float(v),
-            ray_x=float(x),
-            ray_y=float(y),
+            track=int(self._rows.track[row]),
+            u_px=u,
+            v_px=v,
+            ray_x=x,
+            ray_y=y,
             width_px=0.0,
             height_px=0.0,
             score=1.0,
-            sigma_px=None if sigma is None else float(sigma[row]),
-            status="confirmed",
+            status="confirmed" if self._rows.seen[row] else "interpolated",
         )

@@ -23,6 +23,13 @@ class StationRecording:
         """Put one message into it. now_ns: UTC of its arrival."""
         if self._recorder is not None and self._on:
             self._recorder.write(key, payload, now_ns)
+        else:
+            self.hold(key, payload)
+
+    def hold(self, key: str, payload: bytes) -> None:
+        """Note a message that holds on, such as the survey: each file begins with the last of its key."""
+        if self._recorder is not None:
+            self._recorder.hold(key, payload)
 
     def switch(self, on: bool) -> None:
         """As the operator wants it; off gives the file its end."""

@@ -1,54 +1,57 @@
-"""Track folders: site.toml and tracks/<camera>.csv in, trajectory.csv out (DESIGN section 3).
+"""Track folders: site.toml and tracks/<camera>.csv, as they stand.
 
-Tracks come from other people's programs. The hazard is the row that is not a measurement: a NaN, a pixel far outside
-the image, a stamp that runs backwards, a row somebody interpolated. Such rows are dropped and counted, never believed;
-what cannot be read at all is an error that names file and line.
+Tracks come from other people's programs. The hazard is the row that is not a measurement. What is no number at all is
+dropped and counted here; a pixel outside the image or a row that somebody interpolated is a number, and is judged with
+all others by the station's intake (core/intake.py). What cannot be read is an error that names file and line.
 """
 
 import csv
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.geodesy import Origin, enu_to_ecef
-from calib.observations import Observations, Scene, SiteCamera
-from calib.solving.solution import Trajectory
+from calib.observations import SiteCamera
 from calib.station.archive import sitefile
+from calib.station.config import CameraSection
+from calib.station.core.surveyed_site import SurveyedSite
 from edge.common.arrays import Array
-from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
-from edge.messages import MAX_T_UNIX_NS, MIN_T_UNIX_NS
+from edge.messages import MAX_PIXEL, MAX_T_UNIX_NS, MIN_T_UNIX_NS
 
 log = logging.getLogger(__name__)
 
 NEEDED: Final = ("t_unix_ns", "u_px", "v_px")
-OUTSIDE: Final = 0.1  # of the image size: a box cut by the edge may have its centre so far outside, no further
-HEADER: Final = "t_unix_ns,track,x_m,y_m,z_m,east_m,north_m,up_m,sigma_east_m,sigma_north_m,sigma_up_m,cameras"
+TRACK_NUMBERS: Final = 2**53  # how many the wire has
 
 
-@dataclass
-class Dropped:
-    """Rows that were not used, by reason."""
+@dataclass(frozen=True)
+class TrackRows:
+    """One camera's rows in time order: t_unix_ns (N,), pixels (N, 2) raw, track (N,), seen (N,): not interpolated."""
 
-    count: dict[str, int] = field(default_factory=dict)
-
-    def add(self, reason: str, rows: int) -> None:
-        """Count rows dropped for a reason; none is no entry."""
-        if rows:
-            self.count[reason] = self.count.get(reason, 0) + int(rows)
-
-    def __str__(self) -> str:
-        return ", ".join(f"{rows} {reason}" for reason, rows in self.count.items())
+    t_unix_ns: NDArray[np.int64]
+    pixels: Array
+    track: NDArray[np.int64]
+    seen: NDArray[np.bool_]
 
 
-def load(folder: Path) -> Scene:
-    """A track folder as a scene. Raises ConfigError naming file, line or key and what to do."""
-    name, origin, cameras = sitefile.load(folder / "site.toml")
-    known = {camera.id: camera for camera in cameras}
+@dataclass(frozen=True)
+class TrackFolder:
+    """What a folder holds. site: its survey; cameras: what is known of each; rows: by camera, where there is a file."""
+
+    site: SurveyedSite
+    cameras: tuple[SiteCamera, ...]
+    rows: dict[str, TrackRows]
+
+
+def read(folder: Path) -> TrackFolder:
+    """A track folder as it stands. Raises ConfigError naming file, line or key and what to do."""
+    site_file = folder / "site.toml"
+    name, origin, cameras = sitefile.load(site_file)
+    known = [camera.id for camera in cameras]
     files = {path.stem: path for path in sorted((folder / "tracks").glob("*.csv"))}
     if not files:
         raise ConfigError("no tracks/*.csv", where=str(folder), action="put one file a camera there")
@@ -56,36 +59,38 @@ def load(folder: Path) -> Scene:
         log.warning(
             "%s: tracks of a camera that site.toml does not name; name it there, or they stay unused", files[stranger]
         )
-    observations = {camera: _read_tracks(files[camera], known[camera]) for camera in known if camera in files}
-    return Scene(name, origin, cameras, observations)
+    sections = {
+        row.id: CameraSection(id=row.id, position=row.position, position_sigma=row.position_sigma)
+        for row in sitefile.read(site_file).camera
+    }
+    rows = {camera: _read_tracks(files[camera]) for camera in known if camera in files}
+    return TrackFolder(SurveyedSite(name, origin, sections), cameras, rows)
 
 
-def _read_tracks(path: Path, camera: SiteCamera) -> Observations:
+def _read_tracks(path: Path) -> TrackRows:
     columns = _columns(path)
-    dropped = Dropped()
     t, keep = _stamps(columns["t_unix_ns"], path)
-    u, v = _numbers(columns["u_px"], path, "u_px"), _numbers(columns["v_px"], path, "v_px")
-    finite = np.isfinite(u) & np.isfinite(v)
-    width, height = camera.lens.size_px
-    with np.errstate(invalid="ignore"):
-        inside = (np.abs(u - width / 2) <= (0.5 + OUTSIDE) * width) & (
-            np.abs(v - height / 2) <= (0.5 + OUTSIDE) * height
-        )
-    measured = np.array([status != "interpolated" for status in columns.get("status", [""] * len(t))], bool)
-    dropped.add("with a time before 2001 or after 2096", int(np.sum(~keep)))
-    dropped.add("not finite", int(np.sum(keep & ~finite)))
-    dropped.add("far outside the image", int(np.sum(keep & finite & ~inside)))
-    dropped.add("interpolated", int(np.sum(keep & finite & inside & ~measured)))
-    keep &= finite & inside & measured
-    order = np.flatnonzero(keep)
+    pixels = np.column_stack([_numbers(columns[name], path, name) for name in ("u_px", "v_px")])
+    numbers = np.all(np.abs(pixels) <= MAX_PIXEL, axis=1)  # nan is not
+    for reason, rows in (("with a time before 2001 or after 2096", ~keep), ("whose pixel is none", keep & ~numbers)):
+        if rows.any():
+            log.warning("%s: %d rows %s; not used", path, rows.sum(), reason)
+    seen = np.array([status != "interpolated" for status in columns.get("status", [""] * len(t))], bool)
+    order = np.flatnonzero(keep & numbers)
     backwards = int(np.sum(np.diff(t[order]) < 0))
     if backwards:
         log.warning("%s: stamps run backwards %d times; sorted", path, backwards)
     order = order[np.argsort(t[order], kind="stable")]
-    if dropped.count:
-        log.warning("%s: rows not used: %s", path, dropped)
-    track = np.array([int(number) if number else 0 for number in columns.get("track", ["0"] * len(t))], np.int64)
-    return Observations(t[order], np.column_stack([u, v])[order], track[order])
+    track = _tracks(columns.get("track", ["0"] * len(t)), path)
+    return TrackRows(t[order], pixels[order], track[order], seen[order])
+
+
+def _tracks(values: list[str], path: Path) -> NDArray[np.int64]:
+    """Track numbers; only which are alike matters, so that what the wire has no room for, such as -1, is wrapped."""
+    try:
+        return np.array([int(number) % TRACK_NUMBERS if number else 0 for number in values], np.int64)
+    except ValueError as error:
+        raise ConfigError(f"track: {error}", where=str(path), action="give whole numbers, or nothing") from error
 
 
 def _columns(path: Path) -> dict[str, list[str]]:
@@ -124,22 +129,3 @@ def _numbers(values: list[str], path: Path, column: str) -> Array:
         return np.array([float(value) for value in values], np.float64)
     except ValueError as error:
         raise ConfigError(f"{column}: {error}", where=str(path), action="give numbers") from error
-
-
-def write_trajectory(trajectory: Trajectory, origin: Origin, path: Path) -> None:
-    """trajectory.csv of a solution."""
-    ecef = enu_to_ecef(trajectory.points_enu, origin)
-    sigma = np.sqrt(np.einsum("nii->ni", trajectory.covariance_enu))
-    rows = [
-        f"{t},{track},{x:.4f},{y:.4f},{z:.4f},{e:.4f},{n:.4f},{u:.4f},{se:.4f},{sn:.4f},{su:.4f},{cameras}"
-        for t, track, (x, y, z), (e, n, u), (se, sn, su), cameras in zip(
-            trajectory.t_unix_ns.tolist(),
-            trajectory.track.tolist(),
-            ecef.tolist(),
-            trajectory.points_enu.tolist(),
-            sigma.tolist(),
-            trajectory.cameras.tolist(),
-            strict=True,
-        )
-    ]
-    write_atomically(path, "\n".join([HEADER, *rows, ""]).encode())

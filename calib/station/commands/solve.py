@@ -13,7 +13,13 @@ from calib import network
 from calib.observations import Observations, Scene
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
-from calib.station.archive import recorded, trackfolder
+from calib.station.archive.replay_source import play_back
+from calib.station.archive.trajectory_file import write_trajectory
+from calib.station.commands.arguments import add_config, folder_of
+from calib.station.config import load
+from calib.station.core.playback import Played
+from calib.station.core.positions import with_survey
+from calib.station.core.surveyed_site import SurveyedSite
 from calib.station.report import write_report
 from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
@@ -26,6 +32,8 @@ NS: Final = 10**9
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of the subcommand."""
     parser.add_argument("input", type=Path, metavar="FOLDER_OR_RECORDING", help="a track folder or a .mcap recording")
+    what = "the survey to solve a recording with, instead of the one in force when it was made; no default"
+    add_config(parser, needed=False, what=what)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the results")
     parser.add_argument("--cameras", metavar="A,B,...", help="use only these cameras")
     parser.add_argument("--from", dest="from_s", type=float, metavar="S", help="seconds after the first row")
@@ -38,12 +46,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve and write; 0 when done. Raises SkyfixError with what to do."""
     source: Path = arguments.input
-    scene = trackfolder.load(source) if source.is_dir() else recorded.load(source)
-    scene = restricted(scene, arguments.cameras, arguments.from_s, arguments.to_s)
+    played = play_back(source, configured(arguments.config, source))
+    say_what_is_not_used(played, source)
+    scene = restricted(played.scene, arguments.cameras, arguments.from_s, arguments.to_s)
     solution = solve(scene, SolveOptions(local=arguments.local, evidence=True))
-    write(solution, arguments.output)
+    write(solution, source.name, arguments.output)
     print(summary(solution, arguments.output))
     return 0
+
+
+def configured(config: Path | None, source: Path) -> SurveyedSite | None:
+    """The survey of a configuration, if one is given. Raises ConfigError."""
+    if config is None:
+        return None
+    if source.is_dir():
+        raise ConfigError(
+            f"is for recordings; the positions of {source} stand in its site.toml",
+            where="--config",
+            action=f"correct {source / 'site.toml'}, and leave --config out",
+        )
+    loaded = load(config)
+    return SurveyedSite(loaded.site.name, loaded.site.origin, with_survey(loaded, folder_of(config)))
+
+
+def say_what_is_not_used(played: Played, source: Path) -> None:
+    """Name on stderr what is left out. Raises ConfigError if nothing is left."""
+    for refusal in played.refused:
+        log.warning("%s: %s", source, refusal)
+    for camera in played.without_lens:
+        log.warning("%s: camera %s: nothing says what lens it has; left out", source, camera)
+    if not played.scene.cameras:
+        raise ConfigError("no camera with a lens in it", where=str(source), action="record a site with running boxes")
 
 
 def restricted(scene: Scene, cameras: str | None, from_s: float | None, to_s: float | None) -> Scene:
@@ -69,11 +102,11 @@ def _rows(seen: Observations, keep: NDArray[np.bool_]) -> Observations:
     return Observations(seen.t_unix_ns[keep], seen.pixels[keep], seen.track[keep], sigma)
 
 
-def write(solution: Solution, folder: Path) -> None:
-    """network.toml, trajectory.csv, report.html and report.json, each whole or not at all."""
+def write(solution: Solution, source: str, folder: Path) -> None:
+    """network.toml, trajectory.csv, report.html and report.json, each whole or not at all. source: solved from what."""
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "network.toml", network.to_toml(solution.network).encode())
-    trackfolder.write_trajectory(solution.trajectory, solution.network.origin, folder / "trajectory.csv")
+    write_trajectory(solution.trajectory, solution.network.origin, source, folder / "trajectory.csv")
     write_report(solution, folder)
 
 

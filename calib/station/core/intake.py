@@ -1,17 +1,24 @@
-"""What comes from the boxes, judged before anything is computed from it.
+"""What comes from the boxes, judged before anything is computed from it: live, and just so from a recording.
 
 The hazard is the message that is well formed and wrong: a clock years ahead, a lens file of another resolution, two
 boxes with one name, stamps that run backwards, a row that was interpolated and not seen. Each is refused, counted
 under a name of its own, and shown with what to do; nothing that comes here stops anything else.
+
+Every rule of reading stands here, once. Two things differ between the sources, and both are said when the intake is
+made. Rows about the past count for a calibration made afterwards, never for tracking. And a stamp is judged by the
+instant at which its frame came; a track folder of other people's, whose cameras may be hours apart, has no arrivals,
+so that its stamps have no second witness and the solver's own search for clock offsets is all there is.
 """
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from calib.observations import Frame
+from calib.station.core.ranges import Ranges
 from calib.station.core.sequence import Sequence
 from calib.station.core.stream_clock import AHEAD_S, NS, StreamClock
 from edge.common.errors import LensError, MessageError
@@ -19,11 +26,13 @@ from edge.common.health import Check
 from edge.lens import LensModel
 from edge.messages import Fix, Health, Lens, Tracks, decode
 
-OUTSIDE: Final = 0.05  # of the image's size: a box may reach over the edge by so much, a pixel farther is absurd
+# Of the image's size: half the box of an object that fills a tenth of it, cut by the edge. Farther out the visible part
+# says little of the middle, and the lens model was never measured.
+OUTSIDE: Final = 0.05
 FAULT_SHOWN_NS: Final = 10 * NS  # arrival time a fault is shown after it was last seen
 PATIENCE_NS: Final = 10 * NS  # after the start, before a camera that was never heard of is an alarm
-# Why a message is not believed by its numbers alone: name, reason, action.
-DISBELIEVED: Final = {
+# Why a message is refused by its numbers alone: name, reason, action.
+REFUSED_NUMBERS: Final = {
     "earlier": (
         "twins",
         "two boxes send under this name, or somebody repeats what it said in an earlier start",
@@ -48,20 +57,27 @@ class CameraIntake:
     health: Health | None = None
     present: bool = False
     size_px: tuple[int, int] | None = None
-    readout_s: float = 0.0
+    readout_s: float | None = None  # None: the box does not know; 0: a global shutter
     clock_bound_s: float | None = None
     last_ns: int | None = None
     last_stamp: int = 0
     sequence: Sequence = field(default_factory=Sequence)
     clock_sets: int = 0  # how often its time went back by more than a jitter
+    since: tuple[int, int] = (0, 0)  # epoch and number of the first frame by the clock as it is set now
+    numbers: dict[int, Ranges] = field(default_factory=dict)  # those that came, by epoch; only where late rows count
     detections: float = 0.0  # a frame, smoothed
     counters: Counter[str] = field(default_factory=Counter)
     faults: dict[str, tuple[str, str, int]] = field(default_factory=dict)  # name: reason, action, when
 
-    def fault(self, name: str, reason: str, action: str, now_ns: int) -> None:
+    def fault(self, name: str, reason: str, action: str, now_ns: int, count: int = 1) -> None:
         """Note what is wrong with this camera's messages."""
-        self.counters[name] += 1
+        self.counters[name] += count
         self.faults[name] = (reason, action, now_ns)
+
+    def clock_was_set(self, tracks: Tracks) -> None:
+        """Its time went back: what was stamped before, and what comes late of it, is of another clock."""
+        self.clock_sets += 1
+        self.since = (tracks.epoch, tracks.seq)
 
     def online(self, now_ns: int, stale_s: float) -> bool:
         """Whether frames come."""
@@ -69,7 +85,7 @@ class CameraIntake:
 
     @property
     def epoch(self) -> int | None:
-        """Which start of the box is believed; None before the first message."""
+        """The box's present start; None before the first message."""
         return self.sequence.epoch
 
     @property
@@ -84,13 +100,26 @@ class CameraIntake:
 
 
 class Intake:
-    """All cameras of a site, and the strangers that claim to be."""
+    """All cameras of a site, and the strangers that claim to be.
 
-    def __init__(self, cameras: list[str], where: str = "base.toml") -> None:
+    late_rows_count: whether a row about a frame that is past is a measurement: for `solve`, never live.
+    arrivals_are_real: whether now_ns is when a message came, and so a witness for its stamp.
+    """
+
+    def __init__(
+        self,
+        cameras: Iterable[str],
+        where: str = "base.toml",
+        *,
+        late_rows_count: bool = False,
+        arrivals_are_real: bool = True,
+    ) -> None:
         self.cameras = {camera: CameraIntake(camera) for camera in cameras}
         self.clock = StreamClock()
         self.strangers: Counter[str] = Counter()
         self._where = where
+        self._late_rows_count = late_rows_count
+        self._arrivals_are_real = arrivals_are_real
         self._began_ns: int | None = None
 
     def known(self, camera: str) -> CameraIntake | None:
@@ -101,74 +130,111 @@ class Intake:
         return found
 
     def frame(self, camera: CameraIntake, payload: bytes, now_ns: int) -> Frame | None:
-        """A frame's measurements, or None if it is not to be believed."""
-        try:
-            tracks = decode(payload, Tracks, where=camera.id)
-        except MessageError as error:
-            camera.fault("undecodable", error.what, error.action, now_ns)
+        """A frame's measurements, or None if it is refused."""
+        tracks = self._tracks(camera, payload, now_ns)
+        if tracks is None or not self._accepted(camera, tracks, now_ns):
             return None
-        if not self._believed(camera, tracks, now_ns):
-            return None
+        if tracks.late:
+            return self._late_frame(camera, tracks, now_ns)
         camera.last_ns, camera.last_stamp = now_ns, tracks.t_unix_ns
         camera.size_px, camera.readout_s, camera.clock_bound_s = tracks.size_px, tracks.readout_s, tracks.clock_bound_s
         camera.detections += (len(tracks.detections) - camera.detections) / 30
-        if camera.lens is not None and camera.lens.size_px != tracks.size_px:
-            fault = f"frames are {_size(tracks.size_px)}, the lens file is for {_size(camera.lens.size_px)}"
-            camera.fault("lens_size", fault, "give the box the lens file of this resolution", now_ns)
-            return None
         return self._measurements(camera, tracks, now_ns)
 
-    def _believed(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> bool:
+    def backlog(self, camera: CameraIntake, payload: bytes, now_ns: int) -> Frame | None:
+        """A frame that the link lost and its box said again when asked, or None if it is refused."""
+        tracks = self._tracks(camera, payload, now_ns)
+        if tracks is None:
+            return None
+        number = (tracks.epoch, tracks.seq)
+        if number < camera.since:
+            action = "nothing: rows by two clocks cannot be used together"
+            camera.fault("other_clock", "rows from before its clock was set came late", action, now_ns)
+            return None
+        if tracks.seq in camera.numbers.get(tracks.epoch, ()):
+            camera.counters["repeated"] += 1
+            return None
+        return self._late_frame(camera, tracks, now_ns)
+
+    def _tracks(self, camera: CameraIntake, payload: bytes, now_ns: int) -> Tracks | None:
+        try:
+            return decode(payload, Tracks, where=camera.id)
+        except MessageError as error:
+            camera.fault("undecodable", error.what, error.action, now_ns)
+            return None
+
+    def _late_frame(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> Frame | None:
+        """A frame that is past. It may lie anywhere in the past, and nowhere else."""
+        camera.counters["late"] += 1
+        if not self._late_rows_count or self._off(camera, tracks.t_unix_ns, now_ns, behind_too=False):
+            return None
+        self._count(camera, tracks)
+        return self._measurements(camera, tracks, now_ns)
+
+    def _count(self, camera: CameraIntake, tracks: Tracks) -> None:
+        if self._late_rows_count:
+            camera.numbers.setdefault(tracks.epoch, Ranges()).add(tracks.seq, tracks.seq)
+
+    def _accepted(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> bool:
         """Whether a message is this camera's next one; only then does anything that is known of the camera move."""
         verdict = camera.sequence.judge(tracks.epoch, tracks.seq, now_ns)
         if verdict == "repeated":
             camera.counters["repeated"] += 1
             return False
         if verdict in ("earlier", "leapt"):
-            camera.fault(*DISBELIEVED[verdict], now_ns)
+            camera.fault(*REFUSED_NUMBERS[verdict], now_ns)
             return False
         if not (tracks.late or self._timely(camera, tracks.t_unix_ns, now_ns, behind_too=verdict == "start")):
             return False
         camera.counters["missed"] += camera.sequence.take(tracks.epoch, tracks.seq, now_ns)
+        self._count(camera, tracks)
         if verdict == "start":
             camera.counters["starts"] += 1
-            camera.clock_sets += tracks.t_unix_ns <= camera.last_stamp
+            if tracks.t_unix_ns <= camera.last_stamp:
+                camera.clock_was_set(tracks)
             camera.last_stamp = 0
-        if tracks.late:
-            camera.counters["late"] += 1  # recorded for `solve`; live, a past frame is past
-            return False
-        return self._onward(camera, tracks.t_unix_ns, now_ns)
+        return tracks.late or self._onward(camera, tracks, now_ns)
 
     def _timely(self, camera: CameraIntake, t_unix_ns: int, now_ns: int, *, behind_too: bool) -> bool:
         """Whether a stamp goes with the other cameras'. behind_too: a start has no stamps of its own to go on from."""
-        ahead_s = self.clock.ahead_s(camera.id, t_unix_ns, now_ns)
+        if self._off(camera, t_unix_ns, now_ns, behind_too=behind_too):
+            camera.last_ns = now_ns
+            return False
+        self.clock.add(camera.id, t_unix_ns, now_ns)
+        return True
+
+    def _off(self, camera: CameraIntake, t_unix_ns: int, now_ns: int, *, behind_too: bool) -> bool:
+        """Whether a stamp contradicts the others by the arrival clock; of two alone, either might be wrong."""
+        ahead_s = self.clock.ahead_s(camera.id, t_unix_ns, now_ns) if self._arrivals_are_real else 0.0
         off = ahead_s > AHEAD_S or (behind_too and ahead_s < -AHEAD_S)
         if not off or self._online(now_ns, but=camera) < 2:
-            self.clock.hear(camera.id, t_unix_ns, now_ns)
-            return True
-        camera.last_ns = now_ns
+            return False
         if ahead_s > 0:
             name, fault = "future", f"its times are {ahead_s:.1f} s in the future of the other cameras'"
         else:
             name, fault = "past", f"its times are {-ahead_s:.1f} s behind the other cameras'"
         camera.fault(name, fault, "set the box's clock (chrony); its frames are left out", now_ns)
-        return False
+        return True
 
     def _online(self, now_ns: int, but: CameraIntake) -> int:
         return sum(other.online(now_ns, 5.0) for other in self.cameras.values() if other is not but)
 
-    def _onward(self, camera: CameraIntake, t_unix_ns: int, now_ns: int) -> bool:
+    def _onward(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> bool:
         """Whether a camera's time goes on; set back by far, it goes on from there, and is counted."""
-        if t_unix_ns > camera.last_stamp:
+        if tracks.t_unix_ns > camera.last_stamp:
             return True
-        back_s = (camera.last_stamp - t_unix_ns) / NS
+        back_s = (camera.last_stamp - tracks.t_unix_ns) / NS
         camera.fault("backwards", f"its time went back {back_s:.3f} s", "look at the box's clock (chrony)", now_ns)
         if back_s < AHEAD_S:
             return False
-        camera.clock_sets += 1  # the calibration will say by how much
+        camera.clock_was_set(tracks)  # the calibration will say by how much
         return True
 
-    def _measurements(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> Frame:
+    def _measurements(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> Frame | None:
+        if camera.lens is not None and camera.lens.size_px != tracks.size_px:
+            fault = f"frames are {_size(tracks.size_px)}, the lens file is for {_size(camera.lens.size_px)}"
+            camera.fault("lens_size", fault, "give the box the lens file of this resolution", now_ns)
+            return None
         seen = [d for d in tracks.detections if d.status == "confirmed"]
         camera.counters["interpolated"] += len(tracks.detections) - len(seen)
         pixels = np.array([(d.u_px, d.v_px) for d in seen], float).reshape(-1, 2)
@@ -179,22 +245,20 @@ class Intake:
         if not sane.all():
             u, v = pixels[~sane][0]
             fault = f"pixel ({u:.0f}, {v:.0f}) lies outside its {_size(tracks.size_px)} image"
-            camera.fault(
-                "absurd_pixel", fault, "check the box's detector and resolution; such rows are dropped", now_ns
-            )
+            action = "check the box's detector and resolution; such rows are dropped"
+            camera.fault("absurd_pixel", fault, action, now_ns, int(np.sum(~sane)))
             pixels, label, sigma_px = pixels[sane], label[sane], sigma_px[sane]
         return Frame(camera.id, tracks.t_unix_ns, pixels, label, sigma_px)
 
     def lens(self, camera: CameraIntake, payload: bytes, now_ns: int) -> bool:
-        """Take a lens; whether it is another than before."""
+        """Take a lens; whether what the camera saw before was through another."""
         try:
             lens = LensModel.of(decode(payload, Lens, where=camera.id))
         except (MessageError, LensError) as error:
             camera.fault("lens", error.what, "check the box's lens file", now_ns)
             return False
-        changed = camera.lens is not None and camera.lens != lens
-        camera.lens = lens
-        return changed
+        before, camera.lens = camera.lens, lens
+        return camera.size_px not in (None, lens.size_px) if before is None else before != lens
 
     def fix(self, camera: CameraIntake, payload: bytes, now_ns: int) -> None:
         """Take an antenna position. Only a fixed RTK solution (4) says where a tripod is."""
@@ -209,7 +273,7 @@ class Intake:
             return
         camera.fix = fix
 
-    def told(self, camera: CameraIntake, payload: bytes, now_ns: int) -> None:
+    def health(self, camera: CameraIntake, payload: bytes, now_ns: int) -> None:
         """Take a box's own health."""
         try:
             camera.health = decode(payload, Health, where=camera.id)

@@ -55,8 +55,8 @@ class OutgoingTarget:
         )
 
 
-class Border:
-    """Takes estimates over the border of the site's frame. Cached per origin: this runs for every frame."""
+class TargetExport:
+    """Estimates of the site's frame as targets in WGS 84. Cached per origin: this runs for every frame."""
 
     def __init__(self, cameras: Iterable[str], min_cameras: int) -> None:
         self._bit = {camera: 1 << k if k < 32 else 0 for k, camera in enumerate(cameras)}
@@ -71,7 +71,7 @@ class Border:
             self._origin, self._R = origin, R_ecef_enu(origin)
             self._origin_ecef = enu_to_ecef(np.zeros((1, 3)), origin)[0]
 
-    def cross(self, estimates: Iterable[TargetEstimate], origin: Origin) -> list[OutgoingTarget]:
+    def to_wgs84(self, estimates: Iterable[TargetEstimate], origin: Origin) -> list[OutgoingTarget]:
         """The estimates that may be sent, as they are sent."""
         self._move_to(origin)
         checked = [self._one(estimate) for estimate in estimates]

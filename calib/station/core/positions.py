@@ -88,5 +88,5 @@ class Positions:
             position_enu=None if place is None else place[0],
             position_covariance=None if place is None else place[1],
             clock_bound_s=box.clock_bound_s,
-            readout_s=box.readout_s or None,
+            readout_s=box.readout_s,
         )

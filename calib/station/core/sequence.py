@@ -1,16 +1,16 @@
-"""Which of a box's messages is its next, and which is an old one said again. Pure: numbers and times are handed in.
+"""Which of a box's messages is its next, and which is an old one sent again. Pure: numbers and times are handed in.
 
-The hazard is whoever has a box's certificate, or its twin with the same name: he repeats what it said an hour ago or
+The hazard is whoever has a box's certificate, or its twin with the same name: he repeats what it sent an hour ago or
 in an earlier start, or numbers a message so high that every honest one after it seems old. So an earlier start is
-heard only when the later one has long been silent, and a number can rise no faster than any box can count. Nothing
-here moves until the message is believed in every other respect too: `judge` asks, `take` moves on.
+accepted only when the later one has long been silent, and a number can rise no faster than any box can count. Nothing
+here moves until the message is accepted in every other respect too: `judge` asks, `take` moves on.
 """
 
 from dataclasses import dataclass
 from typing import Final, Literal
 
 NS: Final = 10**9
-SILENT_NS: Final = 20 * NS  # of arrival time: a start that was not heard for so long may be replaced by an older one
+SILENT_NS: Final = 20 * NS  # of arrival time: a start that has been silent for so long may be replaced by an older one
 LEAP: Final = 20_000  # numbers that may be missing at once: ten minutes at 30 Hz, whatever the arrival clock says
 RATE_HZ: Final = 1000  # and beyond that, so many for each second of silence; a box counts frames
 
@@ -23,11 +23,11 @@ class Sequence:
 
     epoch: int | None = None
     next_seq: int = 0
-    heard_ns: int = 0
+    last_ns: int = 0
 
     def judge(self, epoch: int, seq: int, now_ns: int) -> Verdict:
-        """What a message is by its numbers: the next one, the first of another start, or not to be believed."""
-        silence_ns = now_ns - self.heard_ns
+        """What a message is by its numbers: the next one, the first of another start, or one to refuse."""
+        silence_ns = now_ns - self.last_ns
         if epoch != self.epoch:
             earlier = self.epoch is not None and epoch < self.epoch and silence_ns < SILENT_NS
             return "earlier" if earlier else "start"
@@ -36,7 +36,7 @@ class Sequence:
         return "leapt" if seq - self.next_seq > LEAP + RATE_HZ * silence_ns // NS else "next"
 
     def take(self, epoch: int, seq: int, now_ns: int) -> int:
-        """Move on to a message that is believed; how many before it are missing."""
+        """Move on to a message that was accepted; how many before it are missing."""
         missing = seq - self.next_seq if epoch == self.epoch else 0
-        self.epoch, self.next_seq, self.heard_ns = epoch, seq + 1, now_ns
+        self.epoch, self.next_seq, self.last_ns = epoch, seq + 1, now_ns
         return missing

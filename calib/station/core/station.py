@@ -23,7 +23,7 @@ from calib.station.config import BaseConfig, CameraSection
 from calib.station.core.calibration import Calibration, Phase, Standing
 from calib.station.core.intake import CameraIntake, Intake
 from calib.station.core.jobs import SolveJob, SolveResult
-from calib.station.core.outgoing import Border, OutgoingTarget
+from calib.station.core.outgoing import OutgoingTarget, TargetExport
 from calib.station.core.positions import Positions
 from calib.station.core.stored_state import StoredState
 from calib.station.core.window import Window
@@ -41,7 +41,7 @@ FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
 SLOW_NS: Final = NS  # health, network, plans
 UNDISCIPLINED_S: Final = 0.05  # s: a camera that says nothing of its clock wanders by so much between calibrations
 LEAST_SIGMA_PX: Final = 0.2  # of a detector that finds none: what an adjustment can tell from a flight's own freedom
-REMEMBERED: Final = 1000  # targets; more than ever fly at once
+MOST_TARGETS: Final = 1000  # targets; more than ever fly at once
 UNASKED_HZ: Final = 50.0  # how often a target is worked out where no output says how often it wants one
 IDLE_NS: Final = NS // 4  # without a frame for so long, time passes by the clock alone
 
@@ -72,7 +72,7 @@ class Station:
         self.positions = Positions(cameras, config.site.origin or (memory.network.origin if memory.network else None))
         self.calibration = Calibration(config.calibration, names, config.site.name)
         self.guard = Guard()
-        self._border = Border(names, tracking.min_cameras)
+        self._export = TargetExport(names, tracking.min_cameras)
         self._options = TrackerOptions(
             reorder_horizon_s=tracking.reorder_horizon_s,
             coast_s=tracking.coast_s,
@@ -90,11 +90,11 @@ class Station:
         self._busy = False
         self._sigma_px: dict[str, float] = {}  # of each calibrated camera's pixels
         self._starts: dict[str, int] = {}
-        self._said_s: dict[int, float] = {}
+        self._last_sent_s: dict[int, float] = {}
         # A tenth early is not early: frames come at their own rate.
-        self._said_every_s = 0.9 / rate_hz
+        self._send_every_s = 0.9 / rate_hz
         self._fast_ns = self._slow_ns = self._frame_ns = self._guard_ns = 0
-        self._told: tuple[str, str] = ("", "")
+        self._reported: tuple[str, str] = ("", "")
         self._levels: dict[str, str] = {}
 
     # What comes in
@@ -110,12 +110,12 @@ class Station:
         if topic == "tracks":
             return self._frame(camera, payload, now_ns)
         if topic == "lens":
-            if self.intake.lens(camera, payload, now_ns) and self.tracker is not None:
+            if self.intake.lens(camera, payload, now_ns):
                 self._lens_changed(camera)
         elif topic == "fix":
             self.intake.fix(camera, payload, now_ns)
         elif topic == "health":
-            self.intake.told(camera, payload, now_ns)
+            self.intake.health(camera, payload, now_ns)
         return []
 
     def presence(self, camera_id: str, alive: bool) -> None:
@@ -144,18 +144,19 @@ class Station:
         if not due and not lost:
             return []
         estimates = tracker.estimates(tracker.newest_s, due) + lost
-        return self._border.cross(estimates, tracker.network.origin)
+        return self._export.to_wgs84(estimates, tracker.network.origin)
 
     def _due(self, track: int, newest_s: float) -> bool:
-        """Whether any output wants this target again; saying it at every ray would cost more than tracking it."""
-        if 0.0 <= newest_s - self._said_s.get(track, -np.inf) < self._said_every_s:
+        """Whether any output wants this target again; sending it at every ray would cost more than tracking it."""
+        if 0.0 <= newest_s - self._last_sent_s.get(track, -np.inf) < self._send_every_s:
             return False
-        if len(self._said_s) > REMEMBERED:
-            self._said_s.clear()
-        self._said_s[track] = newest_s
+        if len(self._last_sent_s) > MOST_TARGETS:
+            self._last_sent_s.clear()
+        self._last_sent_s[track] = newest_s
         return True
 
     def _lens_changed(self, camera: CameraIntake) -> None:
+        self.window.cameras[camera.id].clear()  # pixels of two lenses never go into one adjustment
         if self.calibration.network is not None and self.calibration.network.camera(camera.id) is not None:
             self._leave_out(camera.id, "its lens file was exchanged", None)
 
@@ -228,7 +229,7 @@ class Station:
             return []
         lost = tracker.advance(now_s) if idle else []
         coasting = [e for e in tracker.estimates(now_s) if e.state is TargetState.COASTING]
-        return self._border.cross(coasting + lost, tracker.network.origin)
+        return self._export.to_wgs84(coasting + lost, tracker.network.origin)
 
     def _watch(self, now_unix_ns: int) -> None:
         self._restarts(now_unix_ns)
@@ -305,7 +306,7 @@ class Station:
         if self.tracker is None:
             return []
         now_s = min(self.tracker.site_time_s(now_unix_ns), self.tracker.newest_s + self._options.coast_s)
-        return self._border.cross(self.tracker.predicted(now_s), self.tracker.network.origin)
+        return self._export.to_wgs84(self.tracker.predicted(now_s), self.tracker.network.origin)
 
     def targets(self, now_unix_ns: int) -> Targets | None:
         """All targets as of now, as a message; None without a network."""
@@ -348,7 +349,7 @@ class Station:
         counters = dict(self.counters)
         if self.tracker is not None:
             counters |= {f"tracker_{name}": count for name, count in self.tracker.counters.items()}
-        counters["refused_targets"] = self._border.refused
+        counters["refused_targets"] = self._export.refused
         self.health = self._board.update(now_unix_ns, checks + self.extra_checks, counters)
         return self.health
 
@@ -361,9 +362,9 @@ class Station:
                 words = item.reason if item.level != "ok" else "well again"
                 texts.append((item.level, f"{item.name}: {words}"))
         self._levels = {item.name: item.level for item in self.health.items}
-        if self.standing.phase.value != self._told[0]:
+        if self.standing.phase.value != self._reported[0]:
             texts.insert(0, ("ok", f"{self.standing.phase.value}: {self.standing.reason}"))  # what matters most
-        self._told = (self.standing.phase.value, self.standing.reason)
+        self._reported = (self.standing.phase.value, self.standing.reason)
         return texts
 
 

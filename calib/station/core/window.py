@@ -2,8 +2,10 @@
 
 The hazard is memory, and its cure: throwing the oldest away forgets the only time two cameras shared an object. So a
 full window loses every other row of its older half instead; the flight stays whole and gets sparser into the past.
+A source that ends, a recording, is kept in whole: a row takes 40 bytes here and several times as many in the source.
 """
 
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -14,14 +16,15 @@ from edge.common.arrays import Array
 
 NS: Final = 10**9
 GROWTH: Final = 1.25  # of the limit, before it is thinned: thinning at every row would be slow
+SPARE_ROWS: Final = 2000  # room beyond that for one frame; where there is no limit, to begin with
 
 
 class CameraWindow:
-    """One camera's rows: stamp, pixel, track number, sigma."""
+    """One camera's rows: stamp, pixel, track number, sigma. limit: None keeps all."""
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int | None) -> None:
         self._limit = limit
-        room = int(limit * GROWTH) + 2000
+        room = int((limit or 0) * GROWTH) + SPARE_ROWS
         self._t: NDArray[np.int64] = np.empty(room, np.int64)
         self._row: Array = np.empty((room, 3))
         self._label: NDArray[np.int64] = np.empty(room, np.int64)
@@ -37,7 +40,10 @@ class CameraWindow:
         if n == 0:
             return
         if self._count + n > len(self._t):
-            self._thin()
+            if self._limit is None:
+                self._make_room(2 * (self._count + n))
+            else:
+                self._thin()
         at = slice(self._count, self._count + n)
         self._t[at], self._label[at] = frame.t_unix_ns, frame.label
         self._row[at, :2], self._row[at, 2] = frame.pixels, frame.sigma_px
@@ -55,6 +61,12 @@ class CameraWindow:
         """Drop everything."""
         self._count, self.seconds = 0, {}
 
+    def _make_room(self, room: int) -> None:
+        rest = room - len(self._t)
+        self._t = np.concatenate([self._t, np.empty(rest, np.int64)])
+        self._row = np.concatenate([self._row, np.empty((rest, 3))])
+        self._label = np.concatenate([self._label, np.empty(rest, np.int64)])
+
     def _thin(self) -> None:
         half = self._count // 2
         # Whole frames go or stay: rows of one stamp belong together.
@@ -68,8 +80,10 @@ class CameraWindow:
 
     def observations(self) -> Observations:
         """A copy of what is kept, at most the limit, in the calibration's terms."""
-        every = max(1, -(-self._count // self._limit))
-        at = slice(self._count % every, self._count, every)
+        every = 1 if self._limit is None else max(1, -(-self._count // self._limit))
+        at: slice | NDArray[np.intp] = slice(self._count % every, self._count, every)
+        if np.any(np.diff(self._t[at]) < 0):  # rows that came late
+            at = np.argsort(self._t[: self._count], kind="stable")[at]
         sigma = self._row[at, 2]
         return Observations(
             self._t[at].copy(),
@@ -80,11 +94,11 @@ class CameraWindow:
 
 
 class Window:
-    """The windows of all cameras."""
+    """The windows of all cameras. limit: rows a camera, window_s: seconds kept; None keeps all."""
 
-    def __init__(self, cameras: list[str], limit: int, window_s: float) -> None:
+    def __init__(self, cameras: Iterable[str], limit: int | None = None, window_s: float | None = None) -> None:
         self.cameras = {camera: CameraWindow(limit) for camera in cameras}
-        self._window_ns = round(window_s * NS)
+        self._window_ns = None if window_s is None else round(window_s * NS)
 
     def add(self, frame: Frame) -> None:
         """Take a frame's measurements."""
@@ -92,6 +106,8 @@ class Window:
 
     def expire(self, now_unix_ns: int) -> None:
         """Drop what has left the window."""
+        if self._window_ns is None:
+            return
         for camera in self.cameras.values():
             if camera.seconds and next(iter(camera.seconds)) < (now_unix_ns - self._window_ns) // NS - 5:
                 camera.forget_before(now_unix_ns - self._window_ns)

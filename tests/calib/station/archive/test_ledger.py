@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.station.archive.ledger import Gap, Ledger, Ranges
+from calib.station.archive.ledger import Gap, Ledger
+from calib.station.core.ranges import Ranges
 from edge.messages import SpooledEpoch
 
 pairs = st.tuples(st.integers(0, 60), st.integers(0, 12)).map(lambda pair: (pair[0], pair[0] + pair[1]))

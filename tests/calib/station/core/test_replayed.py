@@ -129,9 +129,9 @@ def test_numbers_only_rise_within_a_start_and_no_faster_than_a_box_counts(said: 
     sequence, now_ns = Sequence(), 10**18
     for epoch, seq, pause_ns in said:
         now_ns += pause_ns
-        before = (sequence.epoch, sequence.next_seq, sequence.heard_ns)
+        before = (sequence.epoch, sequence.next_seq, sequence.last_ns)
         verdict = sequence.judge(epoch, seq, now_ns)
-        assert (sequence.epoch, sequence.next_seq, sequence.heard_ns) == before, "to judge moves nothing"
+        assert (sequence.epoch, sequence.next_seq, sequence.last_ns) == before, "to judge moves nothing"
         if verdict not in ("next", "start"):
             continue
         assert sequence.take(epoch, seq, now_ns) >= 0
