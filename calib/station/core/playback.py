@@ -156,13 +156,11 @@ class _Playback:
     def _place(self) -> None:
         """Choose the frame's origin. Live waits until three cameras have a position; here no more will come."""
         boxes = self._intake.cameras
-        self._positions.update(boxes)
-        if self._positions.origin is None:
-            placed = {n: c for n, c in self._sections.items() if c.position is not None or boxes[n].fix is not None}
-            if placed:
-                few = Positions(placed, None)
-                few.update(boxes)
-                self._positions.origin = few.origin
+        placed = {n: c for n, c in self._sections.items() if c.position is not None or boxes[n].fix is not None}
+        if placed and self._positions.origin is None:
+            known = Positions(placed, None)
+            known.update(boxes)
+            self._positions.origin = known.origin
 
     def _refused(self) -> Iterator[Refusal]:
         yield from self._forgotten

@@ -89,7 +89,7 @@ class Station:
         self.muted: set[str] = set()  # cameras that the operator left out: recorded, and not used
         self._busy = False
         self._sigma_px: dict[str, float] = {}  # of each calibrated camera's pixels
-        self._starts: dict[str, int] = {}
+        self._clock_sets: Counter[str] = Counter()
         self._last_sent_s: dict[int, float] = {}
         # A tenth early is not early: frames come at their own rate.
         self._send_every_s = 0.9 / rate_hz
@@ -126,6 +126,8 @@ class Station:
 
     def _frame(self, camera: CameraIntake, payload: bytes, now_ns: int) -> list[OutgoingTarget]:
         frame = self.intake.frame(camera, payload, now_ns)
+        if camera.clock_sets != self._clock_sets[camera.id]:
+            self._clock_was_set(camera, now_ns)
         if frame is None:
             return []
         if camera.id not in self.muted:
@@ -232,7 +234,6 @@ class Station:
         return self._export.to_wgs84(coasting + lost, tracker.network.origin)
 
     def _watch(self, now_unix_ns: int) -> None:
-        self._restarts(now_unix_ns)
         for camera in self.intake.cameras.values():
             bound_s = (
                 UNDISCIPLINED_S if camera.clock_bound_s is None else max(camera.clock_bound_s, DISCIPLINED_SIGMA_S)
@@ -246,14 +247,12 @@ class Station:
         if self._stored is not None:
             self._try_stored(now_unix_ns)
 
-    def _restarts(self, now_unix_ns: int) -> None:
+    def _clock_was_set(self, camera: CameraIntake, now_ns: int) -> None:
         """A box whose clock was set has two stretches of time; only the new one counts."""
-        for camera in self.intake.cameras.values():
-            if camera.clock_sets != self._starts.get(camera.id, 0):
-                self._starts[camera.id] = camera.clock_sets
-                self.window.cameras[camera.id].clear()
-                if camera.id in self.calibration.trusted:
-                    self._leave_out(camera.id, "its clock was set", now_unix_ns)
+        self._clock_sets[camera.id] = camera.clock_sets
+        self.window.cameras[camera.id].clear()
+        if camera.id in self.calibration.trusted:
+            self._leave_out(camera.id, "its clock was set", self.now_unix_ns(now_ns))
 
     def _leave_out(self, camera: str, why: str, since_unix_ns: int | None) -> None:
         self.calibration.suspect(camera, why)
