@@ -181,19 +181,19 @@ class SpoolConfig(Section, frozen=True, kw_only=True):
     ] = 500
 
 
+Readout = Annotated[float, Meta(ge=0, le=1)]
+
+
 class CameraConfig(Section, frozen=True, kw_only=True):
     """One camera of the box."""
 
     id: Annotated[Name, Meta(description="unique on the site, and the same in the base's list")]
     source: SourceConfig
     lens: Annotated[str | LensConfig, Meta(description="a lens file, or the numbers themselves")]
-    readout_s: (
-        Annotated[
-            float,
-            Meta(ge=0, le=1, description="first to last row of a rolling shutter, 0 for a global; left out: not known"),
-        ]
-        | None
-    ) = None
+    readout_s: Annotated[
+        Readout | None,
+        Meta(description="first to last row of a rolling shutter, 0 for a global one; left out: not known"),
+    ] = None
     exposure_s: Annotated[float, Meta(ge=0, le=1, description="known exposure, used with source.stamp_of")] = 0.0
     cores: Annotated[tuple[Core, ...], Meta(description="CPU cores its threads are kept to; empty for any")] = ()
     detector: DetectorConfig | None = None

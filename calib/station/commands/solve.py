@@ -18,9 +18,9 @@ from calib.station.archive.trajectory_file import write_trajectory
 from calib.station.commands.arguments import add_config, folder_of
 from calib.station.config import load
 from calib.station.core.playback import Played
-from calib.station.core.positions import with_survey
 from calib.station.core.surveyed_site import SurveyedSite
 from calib.station.report import write_report
+from calib.station.survey.in_force import with_survey
 from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
 

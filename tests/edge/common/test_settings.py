@@ -44,7 +44,7 @@ def test_good_file_loads_and_defaults_are_filled_in(tmp_path: Path) -> None:
         (("[900.0, 900.0", "[-900.0, 900.0"), ["camera cam1", "fx, fy > 0"]),
         (('"radtan"', '"pinhole"'), ["camera[0].lens.model", '"fisheye", "radtan"']),
         (('id = "cam1"', 'id = "cam1"\nreadout_s = 2'), ["camera[0].readout_s", ">= 0 and <= 1", "rolling shutter"]),
-        (('id = "cam1"', 'id = "cam1"\nreadout_s = "x"'), ["camera[0].readout_s", "expected `float`"]),
+        (('id = "cam1"', 'id = "cam1"\nreadout_s = "x"'), ["camera[0].readout_s", "expected `float | null`"]),
         (('site = "field"', 'site = "field'), ["is not TOML"]),
         (("[[camera]]", "[gate]\nprofil = 'paper'\n[[camera]]"), ["gate.profil", 'did you mean "profile"']),
         (("[[camera]]", GOOD.split("[[camera]]")[1].join(["[[camera]]"] * 2)), ["camera cam1 is named twice"]),
