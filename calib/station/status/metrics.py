@@ -22,7 +22,7 @@ Sample = tuple[dict[str, str], float]  # labels, value
 
 def metrics(status: StationStatus) -> bytes:
     """Everything of the status that is a number."""
-    return generate_latest(_Families(status))  # type: ignore[arg-type]  # any collector will do
+    return generate_latest(_Families(status))
 
 
 class _Families(Collector):

@@ -4,6 +4,7 @@ The hazard is a browser that slows the tracker; so the loop only leaves the stru
 make text of it.
 """
 
+from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -20,7 +21,7 @@ from edge.common.own_thread import OwnThread
 
 POLL_S: Final = 0.1  # how soon it notices that it is to stop
 CLOSE_S: Final = 1.0
-PAGES: Final = {
+PAGES: Final[dict[str, tuple[str, Callable[[StationStatus], bytes]]]] = {
     "/status.json": ("application/json", msgspec.json.encode),
     "/metrics": (CONTENT_TYPE, metrics),
 }
