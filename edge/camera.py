@@ -26,7 +26,7 @@ from edge.view import ViewWatch
 
 log = logging.getLogger(__name__)
 
-CLOSE_S: Final = 1.0  # a frame under way, a scan, a full-frame model
+CAMERA_CLOSE_S: Final = 1.0  # a frame under way, a scan, a full-frame model
 FRAME_PATIENCE_S: Final = 0.25  # how long to wait for a frame before looking whether to stop
 DROPS_WARN: Final = 0.02  # share of frames lost to a slow detector that the operator should know of
 STARTING_S: Final = 10.0  # opening a network camera and loading a model may take so long
@@ -47,7 +47,7 @@ class CameraWorker(OwnThread):
         publish: Callable[[Tracks], None],
     ) -> None:
         """Opens the model, not the camera. Raises ConfigError, ModelError."""
-        super().__init__(f"camera-{camera.id}", CLOSE_S)
+        super().__init__(f"camera-{camera.id}", CAMERA_CLOSE_S)
         self.camera = camera
         self.lens = load_lens(camera, config_file)
         self.error: SkyfixError | None = None

@@ -22,7 +22,7 @@ from edge.config import ClockConfig
 ASK_TIMEOUT_S: Final = 2.0  # chronyc and pmc answer in milliseconds or not at all
 STATE_PERIOD_S: Final = 4.0  # chrony's own shortest polling intervals are of this order
 REFRESH_PERIOD_S: Final = 1.0  # a clock slewed at 100 ppm moves 0.1 ms meanwhile, and the mapping interpolates
-CLOSE_S: Final = ASK_TIMEOUT_S + 0.5  # a question under way is waited for
+CLOCK_CLOSE_S: Final = ASK_TIMEOUT_S + 0.5  # a question under way is waited for
 PTP_FLOOR_S: Final = 1e-5  # software time stamps and phc2sys add up to this
 
 TIME_ERROR: Final = 5  # adjtimex(2): the clock is not synchronised
@@ -151,7 +151,7 @@ class ClockMonitor(OwnThread):
     """Keeps the bound and the mapping fresh in a thread of its own."""
 
     def __init__(self, config: ClockConfig) -> None:
-        super().__init__("clock", CLOSE_S)
+        super().__init__("clock", CLOCK_CLOSE_S)
         self._config = config
         self.mapping = UtcMapping()
         self._state = replace(read_clock(config), steps=0)

@@ -23,7 +23,7 @@ from edge.lens import LensModel, pixel_to_ray
 from edge.messages import MAX_RAY, Detection, Tracks
 from edge.view import ViewWatch
 
-SILENCE_NS: Final = 500_000_000  # "sees nothing" is said twice a second; the contract asks for once
+EMPTY_EVERY_NS: Final = 500_000_000  # "sees nothing" is said twice a second; the contract asks for once
 STEPPED_BACK_NS: Final = 1_000_000_000  # further back than this the clock was set, and tracking begins anew
 NOWHERE: Final = np.zeros((0, 3))
 
@@ -110,7 +110,7 @@ class Pipeline:
         ]
         if messages:
             self._last_said_unix_ns = frame.t_unix_ns
-        elif not 0 <= frame.t_unix_ns - self._last_said_unix_ns < SILENCE_NS:
+        elif not 0 <= frame.t_unix_ns - self._last_said_unix_ns < EMPTY_EVERY_NS:
             self._last_said_unix_ns = frame.t_unix_ns
             messages = [self._tracks(frame.t_unix_ns, [])]
         return messages

@@ -23,8 +23,8 @@ from edge.gate import TrackRow
 log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 0.5
-CLOSE_S: Final = 1.0  # a picture is drawn in milliseconds
-POLL_S: Final = 0.1  # how often the server looks whether it is to stop
+PREVIEW_CLOSE_S: Final = 1.0  # a picture is drawn in milliseconds
+PREVIEW_POLL_S: Final = 0.1  # how often the server looks whether it is to stop
 PREVIEW_WIDTH_PX: Final = 960
 PREVIEW_QUALITY: Final = 70  # of 100, JPEG
 CONFIRMED_BGR: Final = (80, 255, 80)
@@ -62,7 +62,7 @@ class Preview(OwnThread):
 
     def __init__(self, where: str, latest: Latest) -> None:
         """where: a file name, or a port. Raises ConfigError if the port is taken."""
-        super().__init__("preview", CLOSE_S)
+        super().__init__("preview", PREVIEW_CLOSE_S)
         self._latest = latest
         self._file = None if where.isdigit() else Path(where)
         self._picture = b""
@@ -117,7 +117,7 @@ class PreviewServer(OwnThread):
 
     def __init__(self, preview: Preview, port: int) -> None:
         """port: 0 for any. Raises ConfigError if it is taken."""
-        super().__init__("preview-http", CLOSE_S)
+        super().__init__("preview-http", PREVIEW_CLOSE_S)
         try:
             self._server = http.server.ThreadingHTTPServer(("127.0.0.1", port), _handler(preview))
         except OSError as error:
@@ -130,7 +130,7 @@ class PreviewServer(OwnThread):
         return int(self._server.server_address[1])
 
     def _run(self) -> None:
-        self._server.serve_forever(POLL_S)
+        self._server.serve_forever(PREVIEW_POLL_S)
         self._server.server_close()
 
     def _wake(self) -> None:

@@ -11,17 +11,17 @@ import numpy as np
 
 from edge.capture.frame import Image
 
-WIDTH_PX: Final = 320
-QUALITY: Final = 55  # of 100, JPEG: about 8 kB for a sky, 15 kB for trees
+THUMBNAIL_WIDTH_PX: Final = 320
+THUMBNAIL_QUALITY: Final = 55  # of 100, JPEG: about 8 kB for a sky, 15 kB for trees
 FOCUS_PX: Final = 640  # side of the middle that is judged: lenses are focused there
 
 
 def thumbnail(image: Image) -> bytes:
-    """A JPEG of an image (H, W) or (H, W, 3), at most WIDTH_PX wide."""
-    scale = min(1.0, WIDTH_PX / image.shape[1])
+    """A JPEG of an image (H, W) or (H, W, 3), at most THUMBNAIL_WIDTH_PX wide."""
+    scale = min(1.0, THUMBNAIL_WIDTH_PX / image.shape[1])
     size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    _, encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    _, encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, THUMBNAIL_QUALITY])
     return bytes(encoded)
 
 

@@ -18,7 +18,7 @@ from edge.capture.frame import Image, Picture
 from edge.detector.motion import halved
 
 LOOK_NS: Final = 500_000_000  # ns between looks: a knock is over in less, and clouds move little
-WIDTH_PX: Final = 480  # the reduced picture's, at the least: the correlation then finds 0.1 px, 0.4 px at 1920
+VIEW_WIDTH_PX: Final = 480  # the reduced picture's, at the least: the correlation then finds 0.1 px, 0.4 px at 1920
 SHIFT_PX: Final = 1.0  # of the reduced picture: 4 px at 1920, ten times what clouds do between looks
 CLEAR: Final = 0.15  # response of the correlation below which there is no common picture to speak of
 REMEMBERED_NS: Final = 60_000_000_000  # ns for which a shift is worth telling
@@ -75,7 +75,7 @@ class ViewWatch:
 
 
 def _reduced(image: Image) -> NDArray[np.float32]:
-    """The picture halved as often as leaves it WIDTH_PX wide: halving alone is cheap."""
-    while image.shape[1] >= 2 * WIDTH_PX:
+    """The picture halved as often as leaves it VIEW_WIDTH_PX wide: halving alone is cheap."""
+    while image.shape[1] >= 2 * VIEW_WIDTH_PX:
         image = halved(image)
     return image.astype(np.float32)

@@ -20,7 +20,7 @@ from edge.link.settings import LinkSettings
 from edge.messages import camera_key, station_key
 
 QUEUE: Final = 4096  # messages waiting: more than a second of 100 cameras
-STATES: Final = ("lens", "fix", "health")  # topics of which the newest is kept for whoever comes later
+NEWEST_TOPICS: Final = ("lens", "fix", "health")  # topics of which the newest is kept for whoever comes later
 LATE_A_TURN: Final = 20  # rows of history taken between two looks at what is live
 
 
@@ -32,7 +32,7 @@ class Boxes:
         self.link = stack.enter_context(Link(settings, name="station"))
         self._health = LinkHealth(self.link)
         self._tracks = self.link.subscribe(camera_key(site, "*", "tracks"), QUEUE)
-        self._states = [self.link.watch_state(camera_key(site, "*", topic)) for topic in STATES]
+        self._states = [self.link.watch_state(camera_key(site, "*", topic)) for topic in NEWEST_TOPICS]
         self._presence = self.link.watch_presence(camera_key(site, "*"))
         self._backfill = stack.enter_context(Backfill(self.link, site, ledger))
         self.link.declare_presence(station_key(site))

@@ -14,7 +14,7 @@ from edge.common.errors import ConfigError
 
 PORT: Final = 7447  # Zenoh's own
 CERTS: Final = "/etc/skyfix/certs"
-STATE: Final = "/var/lib/skyfix"
+STATE_DIR: Final = "/var/lib/skyfix"
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")  # as in a Zenoh key and in a certificate
 _ADDRESS: Final = re.compile(r"[A-Za-z0-9.:-]+")
 
@@ -64,8 +64,8 @@ class NewSite:
 
     def _base(self) -> str:
         cameras = "\n".join(f'[[camera]]\nid = "{camera}"' for camera in self.camera_ids)
-        kept = STATE if self.base_address else "state"
-        recordings = f"{STATE}/recordings" if self.base_address else "recordings"
+        kept = STATE_DIR if self.base_address else "state"
+        recordings = f"{STATE_DIR}/recordings" if self.base_address else "recordings"
         listen = f"tls/0.0.0.0:{PORT}" if self.base_address else f"tcp/127.0.0.1:{PORT}"
         return f"""\
 # The base station of site {self.name}. `base-station check --config base.toml` says what is missing around it; every
@@ -94,7 +94,7 @@ profile = ["ecef"]               # and "gcs" for a ground-control program's map
 
     def _edge(self, number: int, camera: str) -> str:
         dialled = f"tls/{_bracketed(self.base_address)}" if self.base_address else "tcp/127.0.0.1"
-        spool = f'\n[spool]                          # kept for a base that is out of reach\nfolder = "{STATE}"\n'
+        spool = f'\n[spool]                          # kept for a base that is out of reach\nfolder = "{STATE_DIR}"\n'
         return f"""\
 # The box of camera {camera} at site {self.name}. `edge-node check --config edge.toml` says what is missing around it;
 # every other key, with its meaning, is in deploy/GUIDE.md.

@@ -26,8 +26,8 @@ from edge.common.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
-STOP_S: Final = 1.0  # s it may take to stop before it is killed
-NICENESS: Final = 10  # of the solving process: on a small computer tracking comes first
+SOLVER_STOP_S: Final = 1.0  # s it may take to stop before it is killed
+SOLVER_NICENESS: Final = 10  # of the solving process: on a small computer tracking comes first
 TOO_LONG_S: Final = 300.0  # s: a solve that takes longer is stuck
 
 
@@ -60,7 +60,7 @@ def _loaded(solver: Solver | str) -> Solver:
 
 def _serve(pipe: Connection, wanted: Solver | str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the station's to answer
-    os.nice(NICENESS)
+    os.nice(SOLVER_NICENESS)
     solver = _loaded(wanted)
     while True:
         try:
@@ -102,7 +102,7 @@ class _JobSender(OwnThread):
     """Puts one job into the pipe: a process that is only starting does not read yet, and a window does not fit in."""
 
     def __init__(self, pipe: Connection, job: SolveJob) -> None:
-        super().__init__("solver-send", STOP_S)
+        super().__init__("solver-send", SOLVER_STOP_S)
         self._pipe, self._job = pipe, job
 
     def _run(self) -> None:
@@ -179,10 +179,10 @@ class Worker:
         """Stop the process; killed if it does not within a second."""
         if self._process is not None:
             self._process.terminate()
-            self._process.join(STOP_S)
+            self._process.join(SOLVER_STOP_S)
             if self._process.is_alive():
                 self._process.kill()
-                self._process.join(STOP_S)
+                self._process.join(SOLVER_STOP_S)
             self._process = None
         if self._sender is not None:  # nobody reads any more: what it was writing has ended with an error
             self._sender.close()

@@ -19,7 +19,7 @@ from edge.common.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
-CLOSE_S: Final = 1.0  # a driver lets go of a frame within this, or is left to the process's end
+READER_CLOSE_S: Final = 1.0  # a driver lets go of a frame within this, or is left to the process's end
 WAITING_FRAMES: Final = 2  # frames between capture and detector: more is only delay
 FIRST_PATIENCE_S: Final = 0.5  # before a dead source is opened again
 LONGEST_PATIENCE_S: Final = 8.0
@@ -43,7 +43,7 @@ class Reader(OwnThread):
 
     def __init__(self, name: str, open_source: Callable[[], FrameSource], *, live: bool, lossless: bool) -> None:
         """live: reopen when the source dies. lossless: wait for the detector rather than drop."""
-        super().__init__(f"capture-{name}", CLOSE_S)
+        super().__init__(f"capture-{name}", READER_CLOSE_S)
         self._open = open_source
         self._live = live
         self._lossless = lossless

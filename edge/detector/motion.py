@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from edge.capture.frame import Image
 from edge.common.arrays import Array
 
-CELL_PX: Final = 4  # px: the width of the smallest object worth finding
+MOTION_CELL_PX: Final = 4  # px: the width of the smallest object worth finding
 THRESHOLD_GREY: Final = 1.5  # grey levels above a cell's usual: sensor noise averaged over a cell is 0.3
 DEVIATIONS: Final = 5.0  # times the cell's usual deviation from its mean
 LEARNING_S: Final = 3.0  # s over which a cell learns; shorter would learn a slow drone away
@@ -95,7 +95,7 @@ def _blobs(moving: NDArray[np.uint8], excess: NDArray[np.float32], share: float)
     strength = [float(excess[y : y + h, x : x + w].max()) for x, y, w, h in boxes]
     order = np.argsort(strength)[::-1]
     table = np.array(boxes, dtype=np.float64).reshape(-1, 4)[order]
-    centre = (table[:, :2] + table[:, 2:] / 2) * CELL_PX - 0.5
+    centre = (table[:, :2] + table[:, 2:] / 2) * MOTION_CELL_PX - 0.5
     return Blobs(
-        centre, table[:, 2:].max(axis=1, initial=0) * CELL_PX, np.array(strength, dtype=np.float64)[order], share
+        centre, table[:, 2:].max(axis=1, initial=0) * MOTION_CELL_PX, np.array(strength, dtype=np.float64)[order], share
     )

@@ -17,7 +17,7 @@ from edge.common.own_thread import OwnThread
 from edge.detector.look import padded_stack
 from edge.detector.skyfix import StackNet
 
-CLOSE_S: Final = 1.0  # a scan that is running is waited for; the largest frames take half of it
+SCAN_CLOSE_S: Final = 1.0  # a scan that is running is waited for; the largest frames take half of it
 REDUCED: Final = 4  # the second look, for objects too large for the network at native size
 SMALLEST_REDUCED_PX: Final = 64  # px: below this the second look has nothing to see
 
@@ -46,7 +46,7 @@ class Scanner(OwnThread):
     the same tracks."""
 
     def __init__(self, net: StackNet, score_min: float, period_s: float, *, background: bool) -> None:
-        super().__init__("scan", CLOSE_S)
+        super().__init__("scan", SCAN_CLOSE_S)
         self._net = net
         self._background = background
         self._score_min = score_min

@@ -17,7 +17,7 @@ from edge.detector.session import Model
 
 OUTPUTS: Final = ("boxes", "scores", "classes", "sigma")
 MULTIPLE_PX: Final = 16  # sides of the network's input, where its note does not say
-TRACK_SCORE: Final = 0.5  # measured on the training clips: objects 0.6 and more, leaves 0.3 to 0.45
+SKYFIX_TRACK_SCORE: Final = 0.5  # measured on the training clips: objects 0.6 and more, leaves 0.3 to 0.45
 DEFAULT_OFFSETS_S: Final = (0.0, 0.1, 0.2)
 
 
@@ -74,7 +74,7 @@ class StackDetector:
 
     colour = False
     remembers = True
-    track_score = TRACK_SCORE
+    track_score = SKYFIX_TRACK_SCORE
 
     def __init__(self, net: StackNet, config: DetectorConfig) -> None:
         self._net = net

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-CELL_PX: Final = 16  # px: about the sway of a branch
+CLUTTER_CELL_PX: Final = 16  # px: about the sway of a branch
 FORGET_S: Final = 120.0  # s: clouds pass, lights go out
 FULL: Final = 3.0  # entries that make a place wholly cluttered
 
@@ -18,7 +18,7 @@ class ClutterMap:
 
     def __init__(self, size_px: tuple[int, int]) -> None:
         # A border of one cell, so that every neighbourhood is whole.
-        self._cells = np.zeros((size_px[1] // CELL_PX + 3, size_px[0] // CELL_PX + 3))
+        self._cells = np.zeros((size_px[1] // CLUTTER_CELL_PX + 3, size_px[0] // CLUTTER_CELL_PX + 3))
         self._t_unix_ns: int | None = None
 
     def add(self, u_px: float, v_px: float, t_unix_ns: int) -> None:
@@ -35,8 +35,8 @@ class ClutterMap:
 
     def _cell(self, u_px: float, v_px: float) -> tuple[int, int]:
         rows, columns = self._cells.shape
-        row = min(max(int(v_px // CELL_PX) + 1, 1), rows - 2)
-        return row, min(max(int(u_px // CELL_PX) + 1, 1), columns - 2)
+        row = min(max(int(v_px // CLUTTER_CELL_PX) + 1, 1), rows - 2)
+        return row, min(max(int(u_px // CLUTTER_CELL_PX) + 1, 1), columns - 2)
 
     def _forget(self, t_unix_ns: int) -> None:
         if self._t_unix_ns is not None:

@@ -97,7 +97,7 @@ def _of_epochs(session: StaticSession, now_s: float) -> Finding | None:
     if session.last_refusal is None:
         action = f"make it send {session.wanted}"
         return ReceiverState.NO_FIX, "warn", "no position among its messages", action
-    return ReceiverState.NO_FIX, "warn", str(session.last_refusal), ACTIONS[session.last_refusal.reason]
+    return ReceiverState.NO_FIX, "warn", str(session.last_refusal), ADVICE[session.last_refusal.reason]
 
 
 def _of_mean(surveyed: Surveyed | None, watch: Watch) -> Finding:
@@ -119,7 +119,7 @@ def _of_mean(surveyed: Surveyed | None, watch: Watch) -> Finding:
     return ReceiverState.AVERAGING, "ok", f"{mean.samples} epochs, {sigma_mm:.0f} mm horizontal", ""
 
 
-ACTIONS: Final = {
+ADVICE: Final = {
     Reason.NO_POSITION: "give the antenna a free view of the sky and wait",
     Reason.QUALITY: "check that corrections reach the receiver, and wait for it to fix",
     Reason.AGE: "check the link that brings the corrections",

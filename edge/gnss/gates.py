@@ -26,9 +26,9 @@ MIN_HEIGHT_M, MAX_HEIGHT_M = -500.0, 9000.0  # the Dead Sea's shore and Everest
 
 MAX_STEP_H_M: Final = 0.03  # five sigma of the step of a fixed solution in a second; together with the vertical
 MAX_STEP_V_M: Final = 0.04  # limit, no accepted epoch is more than 5 cm from those before it
-MAX_GAP_S: Final = 5.0  # after a longer pause the ambiguities may have been fixed anew
+MAX_PAUSE_S: Final = 5.0  # after a longer pause the ambiguities may have been fixed anew
 CONFIRMATIONS: Final = 3  # epochs that must agree before the first of them counts
-REMEMBERED: Final = 5  # epochs whose median the next one is compared with
+MEDIAN_EPOCHS: Final = 5  # epochs whose median the next one is compared with
 
 QUALITY_NAMES: Final = {
     0: "no position", 1: "single", 2: "differential", 3: "PPS", 4: "RTK fixed", 5: "RTK float",
@@ -201,14 +201,14 @@ def elapsed_ms(t_day_ms: int, since_day_ms: int) -> int:
 class _Chain:
     """Positions that follow one another: close in time and in place."""
 
-    recent: deque[Position] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    recent: deque[Position] = field(default_factory=lambda: deque(maxlen=MEDIAN_EPOCHS))
 
     def refuses(self, position: Position) -> Refusal | None:
         """Why `position` cannot be the next of this chain."""
         step_ms = elapsed_ms(position.t_day_ms, self.recent[-1].t_day_ms)
         if step_ms <= 0:
             return Refusal(Reason.TIME_ORDER, f"by {-step_ms / 1000:g} s")
-        if step_ms > MAX_GAP_S * 1000:
+        if step_ms > MAX_PAUSE_S * 1000:
             return Refusal(Reason.UNCONFIRMED, f"after a pause of {step_ms / 1000:g} s")
         offsets = [offset_m(position, earlier) for earlier in self.recent]
         east, north, up = (statistics.median(axis) for axis in zip(*offsets, strict=True))

@@ -30,8 +30,8 @@ from edge.messages import Fix
 
 log = logging.getLogger(__name__)
 
-CLOSE_S: Final = 2.0  # a driver that is asked for bytes lets go within its own timeout of 0.1 s, opening takes longer
-RETRY_S: Final = 1.0  # between attempts to open a port that is not there
+RECEIVER_CLOSE_S: Final = 2.0  # a driver that is asked for bytes lets go within 0.1 s, opening takes longer
+PORT_RETRY_S: Final = 1.0  # between attempts to open a port that is not there
 SNAPSHOT_S: Final = 0.5  # an average of ten minutes costs a millisecond; twice a second is enough to watch it
 AUTOBAUD: Final = (115200, 38400, 460800, 230400, 921600, 9600, 57600)  # the commonest first
 MAX_HORIZONTAL_LEVER_M: Final = 0.010  # its direction is unknown before the camera's heading is
@@ -55,7 +55,7 @@ class Receiver(OwnThread):
         unix_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         """Raises ConfigError where the antenna's offset cannot be allowed for."""
-        super().__init__("gnss", CLOSE_S)
+        super().__init__("gnss", RECEIVER_CLOSE_S)
         check_lever_arm(config)
         self._config = config
         self._opener = opener
@@ -121,7 +121,7 @@ class Receiver(OwnThread):
                     return
                 # A cable is pulled to move a tripod: what was averaged may be of another place.
                 self._session.restart()
-            self._stop.wait(RETRY_S)
+            self._stop.wait(PORT_RETRY_S)
 
     def _read_until_lost(self) -> None:
         port = self._opener(self._config.device, self._baud)

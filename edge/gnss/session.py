@@ -32,7 +32,7 @@ from edge.gnss.gates import (
     offset_m,
 )
 
-WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardly anything
+STATIC_WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardly anything
 SETTLING_S: Final = 60.0  # a receiver that has just fixed converges for up to a minute
 MOST_EPOCHS: Final = 12_000  # ten minutes at 20 Hz
 NS_PER_MS: Final = 1_000_000
@@ -210,7 +210,7 @@ class StaticSession:
             step_s = elapsed_ms(position.t_day_ms, self._window[-1].position.t_day_ms) / 1000
             self._now_s += max(step_s, silence_s)
         self._window.append(_Accepted(self._now_s, segment, position, offset_m(position, self._origin)))
-        while self._window[0].t_s < self._now_s - WINDOW_S:
+        while self._window[0].t_s < self._now_s - STATIC_WINDOW_S:
             self._window.popleft()
 
 

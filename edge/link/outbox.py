@@ -9,7 +9,7 @@ import time
 from collections import deque
 from typing import Final, NamedTuple
 
-CAPACITY: Final = 256  # messages; about 3 s of two cameras at 30 Hz
+OUTBOX_MESSAGES: Final = 256  # messages; about 3 s of two cameras at 30 Hz
 STALE_NS: Final = 1_000_000_000
 
 
@@ -36,7 +36,7 @@ class Outbox:
     def put(self, key: str, payload: bytes) -> None:
         """Add a message; forget the oldest if there is no room."""
         with self._changed:
-            if len(self._items) >= CAPACITY:
+            if len(self._items) >= OUTBOX_MESSAGES:
                 self._items.popleft()
                 self.dropped += 1
             self._items.append(OutgoingMessage(key, payload, time.monotonic_ns()))

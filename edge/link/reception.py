@@ -14,7 +14,7 @@ import zenoh
 from edge.link.inbox import Inbox, Received
 from edge.link.profile import MAX_MESSAGE_BYTES
 
-RATE_HZ: Final = 1000.0  # messages a second and key: a 30 Hz recording played at 30 times its speed
+MAX_RATE_HZ: Final = 1000.0  # messages a second and key: a 30 Hz recording played at 30 times its speed
 BURST: Final = 2000.0  # messages a key may send at once: what a link held back while it was cut
 MAX_KEYS: Final = 4096  # remembered; all are forgotten when there are more, which only a flood of keys does
 
@@ -30,7 +30,7 @@ class ReceptionCounters(msgspec.Struct, frozen=True, kw_only=True):
 class Allowances:
     """A token bucket for each key. Pure: time is handed in."""
 
-    def __init__(self, rate_hz: float = RATE_HZ, burst: float = BURST, max_keys: int = MAX_KEYS) -> None:
+    def __init__(self, rate_hz: float = MAX_RATE_HZ, burst: float = BURST, max_keys: int = MAX_KEYS) -> None:
         self._rate_hz = rate_hz
         self._burst = burst
         self._max_keys = max_keys

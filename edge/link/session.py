@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 REOPEN_S: Final = 0.5  # between attempts to open a session
 STATE_POLL_S: Final = 5.0  # how often late-joiner state is asked for, beside every arrival
-CLOSE_S: Final = 2.5  # the share of the 3 s shutdown budget that closing may take
+SESSION_CLOSE_S: Final = 2.5  # the share of the 3 s shutdown budget that closing may take
 
 _SOURCE_PLACE: Final = re.compile(r"\s+at /\S+\.rs:\d+\.?")  # where in its own source the library was
 _URGENT_TOPICS: Final = ("tracks", "targets")
@@ -45,7 +45,7 @@ class LinkSession(OwnThread):
     """
 
     def __init__(self, settings: LinkSettings, name: str) -> None:
-        super().__init__(name, CLOSE_S)
+        super().__init__(name, SESSION_CLOSE_S)
         self._settings = settings
         self._changed = threading.Condition()
         self.outbox = Outbox(self._changed)

@@ -27,8 +27,8 @@ from edge.messages import MAX_BACKLOG_ROWS, Backlog, Inventory, SpooledEpoch, en
 log = logging.getLogger(__name__)
 
 COMMIT_S: Final = 0.5  # what kill -9 or a power cut may cost
-RETRY_S: Final = 5.0  # between attempts at a disk that refuses
-CLOSE_S: Final = 2.0
+DISK_RETRY_S: Final = 5.0  # between attempts at a disk that refuses
+SPOOL_CLOSE_S: Final = 2.0
 WAITING_ROWS: Final = 18_000  # kept in memory while the disk refuses: ten minutes at 30 Hz, about 10 MB
 BATCH_ROWS: Final = 2_000  # in one commit
 ANSWER_BYTES: Final = 8_000  # of one reply: longer ones delay what is live; 64 ms of a radio of 1 Mbit/s
@@ -61,7 +61,7 @@ class Spool(OwnThread):
 
     def __init__(self, settings: SpoolSettings, requests: Inbox[Request]) -> None:
         """requests: `link.serve(camera_key(site, camera, "backlog"))`."""
-        super().__init__("spool", CLOSE_S)
+        super().__init__("spool", SPOOL_CLOSE_S)
         self._settings = settings
         self._requests = requests
         self._store: SpoolStore | None = None
@@ -131,7 +131,7 @@ class Spool(OwnThread):
                 self._batch.append(self._waiting.popleft())
 
     def _refused(self, error: Exception) -> None:
-        self._next_try = time.monotonic() + RETRY_S
+        self._next_try = time.monotonic() + DISK_RETRY_S
         self._count(disk_failures=1)
         if self._error != str(error):
             log.warning("spool %s: the disk refuses (%s); keeping rows in memory", self._settings.file, error)

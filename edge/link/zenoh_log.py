@@ -29,7 +29,7 @@ _HANDSHAKE: Final = re.compile(rb"zenoh_link_(?:tls|quic)[\w:]*: (.*?)(?:\. Hint
 _NUMBERS: Final = re.compile(r"\d+")  # differ from line to line; the reason does not
 _HARMLESS: Final = (b"Gossip is disabled", b"Scouting delay elapsed", b"Unknown token", b"unknown Request")
 _STYLE: Final = re.compile(rb"\x1b\[[0-9;]*m")
-CLOSE_S: Final = 1.0  # the thread reads what is in the pipe, and no more
+LOG_CLOSE_S: Final = 1.0  # the thread reads what is in the pipe, and no more
 PIPE_BYTES: Final = 1 << 20  # what waits while our thread does not get its turn
 REPEAT_S: Final = 60.0
 MAX_REASONS: Final = 100  # remembered; an intruder cannot fill the memory with inventive ones
@@ -95,7 +95,7 @@ class ZenohLog(OwnThread):
     """Leads the library's log through a pipe for as long as it is entered. At most once in a process, and early."""
 
     def __init__(self) -> None:
-        super().__init__("zenoh-log", CLOSE_S)
+        super().__init__("zenoh-log", LOG_CLOSE_S)
         self._reader = LogReader()
         self._lock = threading.Lock()
         self._source = -1  # the pipe's reading end

@@ -28,14 +28,14 @@ from edge.messages import Backlog, Inventory, Tracks, camera_key, camera_of_key,
 
 log = logging.getLogger(__name__)
 
-POLL_S: Final = 2.0  # between inventories; a lost message is in the recording about two of them later
-REST: Final = 4.0  # times as long as an answer took: history gets a fifth of what the slowest link or computer can do
+INVENTORY_S: Final = 2.0  # between inventories; a lost message is in the recording about two of them later
+BACKFILL_REST: Final = 4.0  # times as long as an answer took: history gets a fifth of what the slowest link can do
 SHORTEST_REST_S: Final = 0.03  # between questions; with ROWS_PER_QUESTION at most 600 rows a second, 20 cameras' worth
 LONGEST_REST_S: Final = 2.0  # after a question that nobody answered
 ROWS_PER_QUESTION: Final = 20  # about 10 kB: what is live never waits for more of one answer than that
 LATE_CAPACITY: Final = 20_000  # rows; asking stops while the station has half of that to write
 SAVE_EVERY_POLLS: Final = 2  # and a save is of the state at the save before: the recording is on the disk within 2 s
-CLOSE_S: Final = 2.5
+BACKFILL_CLOSE_S: Final = 2.5
 
 
 class BackfillCounters(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,7 +60,7 @@ class Backfill(OwnThread):
 
     def __init__(self, link: Link, site: str, memory: Path | None = None) -> None:
         """memory: a file that remembers over restarts what the station has; None: ask anew for everything."""
-        super().__init__("backfill", CLOSE_S)
+        super().__init__("backfill", BACKFILL_CLOSE_S)
         self._link = link
         self._site = site
         self._memory = memory
@@ -100,7 +100,7 @@ class Backfill(OwnThread):
             polls += 1
             if polls % SAVE_EVERY_POLLS == 0:
                 self._save()
-            self._fetch_for(POLL_S)
+            self._fetch_for(INVENTORY_S)
 
     def _take_stock(self) -> None:
         self._reachable.clear()
@@ -199,7 +199,7 @@ class Backfill(OwnThread):
 
 def rest_after(took_s: float) -> float:
     """How long to leave everything to what is live, after an answer that took so long."""
-    return min(max(REST * took_s, SHORTEST_REST_S), LONGEST_REST_S)
+    return min(max(BACKFILL_REST * took_s, SHORTEST_REST_S), LONGEST_REST_S)
 
 
 def _without(gap: Gap, covered: range) -> list[Gap]:

@@ -31,7 +31,7 @@ from edge.messages import MESSAGES
 log = logging.getLogger(__name__)
 
 SYNC_S: Final = 2.0  # the most a power cut may cost
-CLOSE_S: Final = 1.5  # for the last push; a card that takes longer is left to it
+SYNC_CLOSE_S: Final = 1.5  # for the last push; a card that takes longer is left to it
 LONGEST_RECORD: Final = 1 << 24  # bytes: a length beyond it is damage, not a message
 CHECK_DISK_NS: Final = 5_000_000_000
 STATE_TOPICS: Final = ("survey", "lens", "fix", "calibration")  # said once and holding on: each file begins with them
@@ -42,7 +42,7 @@ class _Syncer(OwnThread):
     """Pushes a file to the disk every other second: fsync takes as long as the card does."""
 
     def __init__(self, descriptor: int) -> None:
-        super().__init__("recording-sync", CLOSE_S)
+        super().__init__("recording-sync", SYNC_CLOSE_S)
         self._descriptor = descriptor
 
     def _run(self) -> None:

@@ -29,7 +29,7 @@ from edge.messages import MAX_RAY, Detection, Fix, Lens, Tracks, camera_key, cam
 log = logging.getLogger(__name__)
 
 SILENCE_NS: Final = 1_000_000_000  # a camera that sees nothing says so this often
-STATES: Final = ("lens", "fix")  # topics that late joiners are told too
+REPEATED_TOPICS: Final = ("lens", "fix")  # topics that late joiners are told too
 PLAYED: Final = ("tracks", "lens", "fix", "health")
 
 

@@ -16,7 +16,7 @@ from calib.observations import Scene, SiteCamera
 from calib.simulation.simulation import Rows, Simulated
 from edge.common.arrays import Array
 
-HEADER = "t_unix_ns,u_px,v_px,track,width_px,height_px,score,status"
+TRACKS_HEADER = "t_unix_ns,u_px,v_px,track,width_px,height_px,score,status"
 
 
 def write_folder(simulated: Simulated, folder: Path, truth_rate_hz: float = 20.0) -> None:
@@ -61,7 +61,7 @@ def _site_camera(camera: SiteCamera, scene: Scene) -> dict[str, object]:
 
 def _track_csv(rows: Rows) -> str:
     score = np.where(rows.source > 0, 0.9, 0.5)
-    lines = [HEADER]
+    lines = [TRACKS_HEADER]
     for t, (u, v), track, (width, height), s in zip(
         rows.t_unix_ns.tolist(), rows.pixels.tolist(), rows.track.tolist(), rows.size_px.tolist(), score, strict=True
     ):

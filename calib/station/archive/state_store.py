@@ -21,10 +21,10 @@ log = logging.getLogger(__name__)
 
 TRACKS_ASIDE: Final = 100  # numbers put aside at each writing
 TICKS_ASIDE: Final = 60 * 100_000  # signing time: a minute, in ticks of 10 us; the file is written once a minute
-EPOCHS: Final = 65_536  # the field on the wire has 16 bits
+EPOCHS_ON_WIRE: Final = 65_536  # the field on the wire has 16 bits
 MARK: Final = "# fingerprint "
 REPORT_FOLDER: Final = "report"  # below the state folder: the report on the calibration in force
-CLOSE_S: Final = 1.5
+STORE_CLOSE_S: Final = 1.5
 
 
 class _Counters(msgspec.Struct):
@@ -37,7 +37,7 @@ class StateStore(OwnThread):
     """Loads the memory, counts this start, and from then on writes what changes, in a thread of its own."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__("keeper", CLOSE_S)
+        super().__init__("keeper", STORE_CLOSE_S)
         self._folder = folder
         self._counters = _Counters()
         self._queue: queue.SimpleQueue[tuple[Path, bytes] | None] = queue.SimpleQueue()
@@ -46,7 +46,7 @@ class StateStore(OwnThread):
     def load(self, cameras: set[str]) -> StoredState:
         """What an earlier run left; a network of other cameras, or a damaged one, is not believed."""
         old = self._load_counters()
-        epoch = (old.epoch + 1) % EPOCHS or 1
+        epoch = (old.epoch + 1) % EPOCHS_ON_WIRE or 1
         self._counters = _Counters(epoch, old.next_track + TRACKS_ASIDE, old.signing_ticks + TICKS_ASIDE)
         self._write(self._folder / "counters.json", msgspec.json.encode(self._counters))
         return StoredState(epoch, old.next_track, old.signing_ticks, self.stored_network(cameras))

@@ -24,7 +24,7 @@ from edge.messages import MAX_PIXEL, MAX_T_UNIX_NS, MIN_T_UNIX_NS
 
 log = logging.getLogger(__name__)
 
-NEEDED: Final = ("t_unix_ns", "u_px", "v_px")
+REQUIRED: Final = ("t_unix_ns", "u_px", "v_px")
 TRACK_NUMBERS: Final = 2**53  # how many the wire has
 
 
@@ -100,10 +100,10 @@ def _columns(path: Path) -> dict[str, list[str]]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"cannot be read ({error})", where=str(path), action="give a CSV file in UTF-8") from error
     header = [name.strip() for name in rows[0]] if rows else []
-    for name in NEEDED:
+    for name in REQUIRED:
         if name not in header:
             raise ConfigError(
-                f"no column {name}", where=str(path), action=f"begin with a header of at least {','.join(NEEDED)}"
+                f"no column {name}", where=str(path), action=f"begin with a header of at least {','.join(REQUIRED)}"
             )
     ragged = next((number for number, row in enumerate(rows) if len(row) != len(header)), None)
     if ragged is not None:

@@ -14,7 +14,7 @@ from calib.solving.solution import Trajectory
 from edge import __version__
 from edge.common.atomic import write_atomically
 
-HEADER: Final = (
+TRAJECTORY_HEADER: Final = (
     "t_unix_ns,track,x_m,y_m,z_m,east_m,north_m,up_m,sigma_east_m,sigma_north_m,sigma_up_m,cameras,"
     "lat_deg,lon_deg,height_m"
 )
@@ -38,7 +38,7 @@ def write_trajectory(trajectory: Trajectory, origin: Origin, source: str, path: 
             strict=True,
         )
     ]
-    write_atomically(path, "\n".join([about(origin, source), HEADER, *rows, ""]).encode())
+    write_atomically(path, "\n".join([about(origin, source), TRAJECTORY_HEADER, *rows, ""]).encode())
 
 
 def about(origin: Origin, source: str) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from calib.station.archive.replay_source import STATES, ReplaySource, Said, open_source
+from calib.station.archive.replay_source import REPEATED_TOPICS, ReplaySource, Said, open_source
 from calib.station.commands.arguments import positive
 from edge.common.errors import LinkError
 from edge.link.link import Link
@@ -37,7 +37,7 @@ def play(
 
 
 def _say(link: Link, key: str, message: Said) -> None:
-    if message.topic in STATES:
+    if message.topic in REPEATED_TOPICS:
         link.set_state(key, decode(message.payload, MESSAGES[f"cam/{message.topic}"], where=key))
     else:
         link.publish_bytes(key, message.payload)

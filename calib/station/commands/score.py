@@ -16,7 +16,7 @@ from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
 
 # Two tracks of one object may touch for a moment when one is handed over to the other; more is a second object.
-SHARED_ROWS = 0.1
+SHARED_SHARE = 0.1
 
 
 def read_truth(path: FilePath) -> Path:
@@ -47,7 +47,7 @@ def _one_object(stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> tuple[
     covered: set[int] = set()
     for number in sorted(rows_of, key=lambda n: (-len(rows_of[n]), n)):
         times = set(stamps[rows_of[number]].tolist())
-        if len(times & covered) <= SHARED_ROWS * len(times):
+        if len(times & covered) <= SHARED_SHARE * len(times):
             taken.append(number)
             covered |= times
     return tuple(taken)

@@ -4,7 +4,6 @@ import argparse
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +22,9 @@ from calib.station.report import write_report
 from calib.station.survey.in_force import with_survey
 from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
+from edge.common.units import NS
 
 log = logging.getLogger(__name__)
-
-NS: Final = 10**9
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

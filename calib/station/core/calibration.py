@@ -22,9 +22,9 @@ from calib.station.core.jobs import Solved, SolveJob, SolveResult
 from calib.station.core.window import Window
 
 RETRY_GROWTH: Final = 1.25  # of the shared seconds, before an attempt that failed is made again
-RETRY_S: Final = 5  # shared seconds more, at least
+RETRY_SHARED_S: Final = 5  # shared seconds more, at least
 SOONEST_S: Final = 10.0  # s between refinements while the flight is short and each tells much
-REST: Final = 5.0  # times as long as it worked the solver rests: a sixth of one core at most
+SOLVER_REST: Final = 5.0  # times as long as it worked the solver rests: a sixth of one core at most
 
 
 class Phase(StrEnum):
@@ -112,11 +112,11 @@ class Calibration:
         return SolveJob(self._jobs, scene, self._start())
 
     def _due(self, joined: set[str], shared_s: int, now_unix_ns: int) -> bool:
-        grown = shared_s > self._tried_shared_s * RETRY_GROWTH + RETRY_S
+        grown = shared_s > self._tried_shared_s * RETRY_GROWTH + RETRY_SHARED_S
         if self.network is None or self._asked:
             return grown or self._tried_shared_s == 0 or self._asked
         lacking = joined - {camera.id for camera in self.network.cameras} | (joined & self.suspects.keys())
-        wait_s = min(self.options.resolve_s, max(SOONEST_S, REST * self._took_s))
+        wait_s = min(self.options.resolve_s, max(SOONEST_S, SOLVER_REST * self._took_s))
         waited = now_unix_ns - self._tried_unix_ns > wait_s * 1e9
         return grown and (waited or bool(lacking))
 

@@ -20,9 +20,10 @@ import numpy as np
 from calib.observations import Frame
 from calib.station.core.ranges import Ranges
 from calib.station.core.sequence import Sequence
-from calib.station.core.stream_clock import AHEAD_S, NS, StreamClock
+from calib.station.core.stream_clock import AHEAD_S, StreamClock
 from edge.common.errors import LensError, MessageError
 from edge.common.health import Check
+from edge.common.units import NS
 from edge.lens import LensModel
 from edge.messages import Fix, Health, Lens, Tracks, decode
 

@@ -20,7 +20,7 @@ from calib.station.core.window import CameraWindow, Window
 from edge.common.errors import ConfigError
 from edge.messages import SurveyMessage, camera_of_key, decode
 
-NOWHERE: Final = (0.0, 0.0, 0.0)  # the origin of a frame that no camera has a position in
+NO_ORIGIN: Final = (0.0, 0.0, 0.0)  # the origin of a frame that no camera has a position in
 
 
 class Recorded(NamedTuple):
@@ -146,7 +146,7 @@ class _Playback:
         usable = tuple(site for site in sites.values() if site is not None)
         observations = {site.id: self._window.cameras[site.id].observations() for site in usable}
         name = self._site_of_keys if self._site is None else self._site.name
-        scene = Scene(name, self._positions.origin or NOWHERE, usable, observations)
+        scene = Scene(name, self._positions.origin or NO_ORIGIN, usable, observations)
         return Played(scene, tuple(self._refused()), tuple(name for name, site in sites.items() if site is None))
 
     def _in_order(self) -> list[str]:

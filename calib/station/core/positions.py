@@ -19,7 +19,7 @@ from edge.common.arrays import Array
 from edge.common.health import Check
 from edge.messages import Fix
 
-LEAST_SIGMA_M: Final = 0.005  # no receiver on a tripod does better, whatever it says
+LEAST_POSITION_SIGMA_M: Final = 0.005  # no receiver on a tripod does better, whatever it says
 # The offset of an antenna that nobody measured, one sigma east, north, up. Refusing such fixes would put out every site
 # whose antenna is at the lens, and every box too old to say which point its fix is of. Antennas stand up to 0.3 m above
 # the lens and 0.1 m beside it: 0.17 and 0.06 m rms. Boxes of a site are built alike, so that this does not average over
@@ -30,7 +30,7 @@ UNKNOWN_OFFSET_M: Final = (0.1, 0.1, 0.3)
 def lens_position(fix: Fix) -> tuple[Origin, Sigmas]:
     """The lens by a box's fix: latitude deg, longitude deg, ellipsoidal m; one sigma east, north, up, m."""
     offset_m = UNKNOWN_OFFSET_M if fix.of == "antenna" else (0.0, 0.0, 0.0)
-    east, north, up = np.hypot(np.maximum(fix.sigma_m, LEAST_SIGMA_M), offset_m).tolist()
+    east, north, up = np.hypot(np.maximum(fix.sigma_m, LEAST_POSITION_SIGMA_M), offset_m).tolist()
     return (fix.lat_deg, fix.lon_deg, fix.height_m), (east, north, up)
 
 

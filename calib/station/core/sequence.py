@@ -9,7 +9,8 @@ here moves until the message is accepted in every other respect too: `judge` ask
 from dataclasses import dataclass
 from typing import Final, Literal
 
-NS: Final = 10**9
+from edge.common.units import NS
+
 SILENT_NS: Final = 20 * NS  # of arrival time: a start that has been silent for so long may be replaced by an older one
 LEAP: Final = 20_000  # numbers that may be missing at once: ten minutes at 30 Hz, whatever the arrival clock says
 RATE_HZ: Final = 1000  # and beyond that, so many for each second of silence; a box counts frames

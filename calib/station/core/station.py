@@ -31,11 +31,11 @@ from calib.tracking.options import Limits, TrackerOptions
 from calib.tracking.targets import TargetState, Tracker
 from edge.common.arrays import Array
 from edge.common.health import Check, HealthLevel
+from edge.common.units import NS
 from edge.health import HealthBoard
 from edge.messages import Health, NetworkCamera, NetworkMessage, Targets, camera_of_key
 from edge.messages import Lens as LensMessage
 
-NS: Final = 10**9
 GUARD_NS: Final = NS // 80  # a piece of guarding: sixteen in a round of the guard's
 FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
 SLOW_NS: Final = NS  # health, network, plans

@@ -10,9 +10,10 @@ instead. When all cameras fall silent, "now" goes on with the arrival clock, so 
 from statistics import median_low
 from typing import Final
 
+from edge.common.units import NS
+
 RECENT_NS: Final = 5_000_000_000  # arrival time; a camera silent for longer does not count
 AHEAD_S: Final = 2.0  # more than any latency: such a stamp is from a clock that is wrong
-NS: Final = 10**9
 MANY: Final = 12  # cameras, beyond which one of them moves the median by nothing that matters
 ANEW_NS: Final = 50_000_000  # arrival time between two looks at all of many cameras: clocks drift slower
 

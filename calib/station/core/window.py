@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from calib.observations import Frame, Observations
 from edge.common.arrays import Array
+from edge.common.units import NS
 
-NS: Final = 10**9
 GROWTH: Final = 1.25  # of the limit, before it is thinned: thinning at every row would be slow
 SPARE_ROWS: Final = 2000  # room beyond that for one frame; where there is no limit, to begin with
 

@@ -4,12 +4,12 @@ from typing import Final
 
 from calib.station.export.flown import Flown, utc
 
-HEADER: Final = "t_unix_ns,utc,track,stretch,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m"
+TABLE_HEADER: Final = "t_unix_ns,utc,track,stretch,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m"
 
 
 def write(flown: Flown) -> bytes:
     """The table's bytes; height_m is above the WGS 84 ellipsoid."""
-    lines = [HEADER]
+    lines = [TABLE_HEADER]
     for track in flown.tracks:
         for stretch, rows in enumerate(track.stretches()):
             for t, (lat, lon, height), (east, north, up) in zip(

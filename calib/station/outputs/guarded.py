@@ -17,7 +17,7 @@ from edge.common.health import Check, HealthLevel
 
 log = logging.getLogger(__name__)
 
-RECENT_NS: Final = 60 * 10**9  # how long a fault is spoken of
+FAULT_RECENT_NS: Final = 60 * 10**9  # how long a fault is spoken of
 ACTION: Final = "its log says where; correct its table in the configuration, or report it to whoever wrote it"
 
 
@@ -51,7 +51,7 @@ class GuardedOutput:
         self.name = name
         self._inner = inner
         self._fence = _Fence(name)
-        self._seen, self._seen_ns = 0, -RECENT_NS
+        self._seen, self._seen_ns = 0, -FAULT_RECENT_NS
         self.rate_hz = inner.rate_hz
 
     def targets(self, targets: Sequence[OutgoingTarget], now_ns: int, synced: bool) -> None:
@@ -81,7 +81,7 @@ class GuardedOutput:
             found = self._inner.checks(now_ns)
         if self._fence.count > self._seen:
             self._seen, self._seen_ns = self._fence.count, now_ns
-        if now_ns - self._seen_ns < RECENT_NS:
+        if now_ns - self._seen_ns < FAULT_RECENT_NS:
             reason = f"{self._fence.count} calls failed, the last with {self._fence.last}"
             found = [*found, Check(f"output {self.name}", "warn", reason, ACTION)]
         return found

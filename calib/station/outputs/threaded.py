@@ -22,12 +22,12 @@ from edge.common.health import Check, HealthLevel
 from edge.common.own_thread import OwnThread
 from edge.link.inbox import Inbox
 
-CAPACITY: Final = 512  # calls waiting: a second of a hundred cameras' targets, grouped by frame
+CALLS_WAITING: Final = 512  # calls waiting: a second of a hundred cameras' targets, grouped by frame
 RECORDS: Final = 4096  # frames sent, on their way to the recording
 IDLE_S: Final = 0.05  # without a call for so long, the output gets its turn by time
 STALLED_S: Final = 2.0  # a call that takes longer is named
 ANSWER_S: Final = 1.0  # that the loop may take to answer a command; it turns fifty times a second
-CLOSE_S: Final = 1.0
+OUTPUT_CLOSE_S: Final = 1.0
 
 Call = Callable[[], None]
 Record = Callable[[str, bytes], None]  # endpoint, frame sent
@@ -38,9 +38,9 @@ class ThreadedOutput(OwnThread):
 
     def __init__(self, name: str, opened: Callable[[Record], Output], record: Record) -> None:
         """opened: opens the output, which records what it sends by what it is given. record: for the loop's thread."""
-        super().__init__(f"output-{name}", CLOSE_S)
+        super().__init__(f"output-{name}", OUTPUT_CLOSE_S)
         self.name = name
-        self._calls: Inbox[Call] = Inbox(CAPACITY)
+        self._calls: Inbox[Call] = Inbox(CALLS_WAITING)
         self._records: deque[tuple[str, bytes]] = deque(maxlen=RECORDS)
         self._commands: deque[tuple[str, Future[bool]]] = deque()
         self._origins: deque[Origin] = deque(maxlen=1)

@@ -11,13 +11,13 @@ import msgspec
 from calib.station.page import wire
 from calib.station.page.server import Page, serve
 
-NICENESS: Final = 10  # tracking comes first
+PAGE_NICENESS: Final = 10  # tracking comes first
 
 
 def main() -> int:
     """Serve until the station closes the feed."""
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s page %(levelname)s %(message)s")
-    os.nice(NICENESS)
+    os.nice(PAGE_NICENESS)
     listener, feed = (socket.socket(fileno=int(descriptor)) for descriptor in sys.argv[1:3])
     name, payload = wire.unpack(feed.recv(wire.LARGEST))
     if name != "hello":

@@ -20,7 +20,7 @@ from edge.messages import Health, NetworkCamera, NetworkMessage, Targets, Tracks
 TRAIL_S: Final = 60.0  # of a target's way that is drawn
 TRAIL_STEP_S: Final = 0.2
 COVERAGE_CELL_M: Final = 10.0  # of the map of where two cameras saw something
-COVERAGE_CELLS: Final = 4000
+SIGHT_CELLS: Final = 4000
 RAY_S: Final = 0.5  # a ray is drawn so long after its frame
 
 
@@ -94,7 +94,7 @@ class Live:
             trail = self._trails.setdefault(target.track, Trail())
             if not trail.points or now_s - trail.points[-1][0] >= TRAIL_STEP_S:
                 trail.points.append((now_s, [round(v, 2) for v in place]))
-            if len(target.cameras) >= 2 and len(self.coverage) < COVERAGE_CELLS:
+            if len(target.cameras) >= 2 and len(self.coverage) < SIGHT_CELLS:
                 cell = (int(place[0] // COVERAGE_CELL_M), int(place[1] // COVERAGE_CELL_M))
                 self.coverage[cell] = self.coverage.get(cell, 0) + 1
         for track in [track for track, trail in self._trails.items() if now_s - trail.points[-1][0] > TRAIL_S]:

@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 FASTEST_S: Final = 0.1  # between two packets of one name: ten a second is what an eye follows
 QUICK_S: Final = 0.25  # between two states while somebody looks
 AGAIN_S: Final = 5.0  # before a page that died is started again
-STOP_S: Final = 1.0
+PAGE_STOP_S: Final = 1.0
 LIBRARY: Final = "nicegui"
 
 
@@ -183,10 +183,10 @@ class PageProcess:
         if self._process is not None:
             self._process.terminate()
             try:
-                self._process.wait(STOP_S)
+                self._process.wait(PAGE_STOP_S)
             except subprocess.TimeoutExpired:
                 self._process.kill()
-                self._process.wait(STOP_S)
+                self._process.wait(PAGE_STOP_S)
             self._process = None
 
     def _send(self, name: str, payload: bytes) -> None:

@@ -13,8 +13,8 @@ from calib.solving.solution import Solution
 from calib.station.report import figures, grade, html
 from calib.station.report.summary import (
     DISTANCES_M,
-    FORMAT,
     MIDDLE_DISTANCE_M,
+    REPORT_FORMAT,
     Summary,
     camera_summaries,
     flight_summary,
@@ -40,7 +40,7 @@ def summarise(solution: Solution) -> Summary:
     marks = grade.marks(cameras, left_out, pairs, flight, survey=survey, weakest=weakest)
     distances = [predicted(solution, distance_m) for distance_m in DISTANCES_M]
     return Summary(
-        format=FORMAT,
+        format=REPORT_FORMAT,
         site=solution.network.site,
         origin=solution.network.origin,
         network=solution.network.fingerprint,

@@ -15,7 +15,7 @@ from calib.solving.prediction import PredictedAccuracy, directions, middle, pred
 from calib.solving.solution import CameraReport, Solution
 from edge.common.arrays import Array
 
-FORMAT: Final = 1  # of report.json; raised when a field changes its meaning
+REPORT_FORMAT: Final = 1  # of report.json; raised when a field changes its meaning
 DISTANCES_M: Final = (100.0, 300.0, 1000.0)
 MIDDLE_DISTANCE_M: Final = 300.0
 OFTEN: Final = 90.0  # percentile: nine directions of ten are better

@@ -19,8 +19,8 @@ from calib.station.status.status import StationStatus
 from edge.common.errors import ConfigError
 from edge.common.own_thread import OwnThread
 
-POLL_S: Final = 0.1  # how soon it notices that it is to stop
-CLOSE_S: Final = 1.0
+STOP_POLL_S: Final = 0.1  # how soon it notices that it is to stop
+STATUS_CLOSE_S: Final = 1.0
 PAGES: Final[dict[str, tuple[str, Callable[[StationStatus], bytes]]]] = {
     "/status.json": ("application/json", msgspec.json.encode),
     "/metrics": (CONTENT_TYPE, metrics),
@@ -32,7 +32,7 @@ class StatusServer(OwnThread):
 
     def __init__(self, options: StatusSection, folder: Path) -> None:
         """Raises ConfigError if the address cannot be had, or the token cannot be read."""
-        super().__init__("status", CLOSE_S)
+        super().__init__("status", STATUS_CLOSE_S)
         self._token = read_token(folder / options.token_file) if options.token_file else ""
         self._status: StationStatus | None = None
         try:
@@ -55,7 +55,7 @@ class StatusServer(OwnThread):
         self._status = status
 
     def _run(self) -> None:
-        self._server.serve_forever(POLL_S)
+        self._server.serve_forever(STOP_POLL_S)
 
     def _wake(self) -> None:
         if self._thread.is_alive():

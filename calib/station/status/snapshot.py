@@ -11,11 +11,11 @@ from calib.station.core.calibration import Phase
 from calib.station.core.intake import CameraIntake
 from calib.station.core.outgoing import OutgoingTarget
 from calib.station.core.station import Station
-from calib.station.core.stream_clock import NS
 from calib.station.status.status import CameraStatus, EndpointStatus, PairStatus, StationStatus, TargetStatus
 from edge import __version__
+from edge.common.units import NS
 
-UPPER: Final = np.triu_indices(3)  # of a covariance, as it is published
+UPPER_3X3: Final = np.triu_indices(3)  # of a covariance, as it is published
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _target(target: OutgoingTarget, geodetic: tuple[float, float, float]) -> Tar
         state=target.state.value,
         enu_m=_triple(target.position_enu),
         velocity_enu_m_s=_triple(target.velocity_enu),
-        covariance_enu_m2=tuple(target.position_covariance_enu[UPPER].tolist()),
+        covariance_enu_m2=tuple(target.position_covariance_enu[UPPER_3X3].tolist()),
         geodetic=geodetic,
         cameras=list(target.cameras),
         age_s=target.age_s,

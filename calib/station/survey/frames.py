@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 TARGETS: Final = {"EPSG:9989": "ITRF2020", "EPSG:10605": "WGS 84 (G2296)"}
 WORST_ACCURACY_M: Final = 0.1  # of an operation; what claims less is a null operation under another name
-EPOCHS: Final = (1980.0, 2100.0)  # decimal years
+PLAUSIBLE_YEARS: Final = (1980.0, 2100.0)  # decimal years
 # Labels that name no realisation: coordinates that carry them are known to a metre or two.
 UNKNOWN_LABELS: Final = frozenset({"", "unknown", "wgs84", "wgs 84", "epsg:4979", "epsg:4326"})
 
@@ -47,7 +47,7 @@ def convert(geodetic: Array, source: str, target: str, epoch: float) -> Converte
     if target not in TARGETS:
         allowed = " or ".join(f"{code} ({name})" for code, name in TARGETS.items())
         raise ConfigError(f"{target} is no target of a conversion", where="survey frame", action=f"give {allowed}")
-    if not EPOCHS[0] <= epoch <= EPOCHS[1]:
+    if not PLAUSIBLE_YEARS[0] <= epoch <= PLAUSIBLE_YEARS[1]:
         raise ConfigError(f"epoch {epoch}", where="survey frame", action="give the decimal year of the coordinates")
     transformer = _transformer(source, target)
     latitude, longitude, height = np.asarray(geodetic, float).reshape(-1, 3).T

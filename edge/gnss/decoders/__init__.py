@@ -1,4 +1,4 @@
-"""The receivers' protocols there are: a new one is a file here and its line in DECODERS."""
+"""The receivers' protocols there are: a new one is a file here and its line in PROTOCOLS."""
 
 from typing import Annotated, Final
 
@@ -7,18 +7,18 @@ from edge.gnss.decoder import Decoder
 from edge.gnss.decoders.nmea import Nmea
 from edge.gnss.decoders.ubx import Ubx
 
-DECODERS: Final[dict[str, type[Decoder]]] = {decoder.name: decoder for decoder in (Nmea, Ubx)}
+PROTOCOLS: Final[dict[str, type[Decoder]]] = {decoder.name: decoder for decoder in (Nmea, Ubx)}
 
 # The name of a protocol in a configuration. A struct that holds some asks check_protocols in its __post_init__.
-ProtocolName = Annotated[str, name_among(DECODERS)]
+ProtocolName = Annotated[str, name_among(PROTOCOLS)]
 
 
 def check_protocols(field: str, names: tuple[str, ...]) -> None:
     """Raises ValueError for the name of no protocol."""
     for name in names:
-        check_name(field, name, DECODERS)
+        check_name(field, name, PROTOCOLS)
 
 
 def decoders(names: tuple[str, ...] = ()) -> list[Decoder]:
     """New decoders of those protocols; of all there are where none is named, so that each is recognised."""
-    return [DECODERS[name]() for name in names or DECODERS]
+    return [PROTOCOLS[name]() for name in names or PROTOCOLS]

@@ -16,7 +16,7 @@ from edge.common.settings import build
 from edge.config import GnssConfig
 from edge.gnss.averaging import SERVICES
 from edge.gnss.decoder import Cut, Decoder, MalformedError
-from edge.gnss.decoders import DECODERS, decoders
+from edge.gnss.decoders import PROTOCOLS, decoders
 from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.epoch import MS_PER_DAY, Part, Place
 from edge.gnss.framing import HEADER_PATIENCE_S, Framer
@@ -61,10 +61,10 @@ class TimePositionVelocity(Decoder):
 
 @pytest.fixture(scope="module", autouse=True)
 def registered() -> Iterator[None]:
-    """The one line that a new class needs in DECODERS."""
-    DECODERS["tpv"] = TimePositionVelocity
+    """The one line that a new class needs in PROTOCOLS."""
+    PROTOCOLS["tpv"] = TimePositionVelocity
     yield
-    del DECODERS["tpv"]
+    del PROTOCOLS["tpv"]
 
 
 def tpv(second: float, **fields: Any) -> bytes:

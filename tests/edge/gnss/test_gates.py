@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from edge.gnss.decoders import nmea, ubx
 from edge.gnss.decoders.nmea import Gga, Gst, Rmc
 from edge.gnss.decoders.ubx import HighPrecision, Pvt
-from edge.gnss.diagnosis import ACTIONS
+from edge.gnss.diagnosis import ADVICE
 from edge.gnss.epoch import Epoch
 from edge.gnss.gates import (
     CONFIRMATIONS,
@@ -84,7 +84,7 @@ def test_each_reason(parts: dict[str, object], policy: Policy, reason: Reason) -
 
 
 def test_every_reason_has_a_next_action() -> None:
-    assert set(ACTIONS) == set(Reason)
+    assert set(ADVICE) == set(Reason)
 
 
 def test_a_leap_second() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from edge.gnss.averaging import SERVICES
 from edge.gnss.gates import Policy, Position, Reason, offset_m
-from edge.gnss.session import WINDOW_S, StaticSession, t_unix_ns
+from edge.gnss.session import STATIC_WINDOW_S, StaticSession, t_unix_ns
 from tests.places import DATA
 from tools.doubles.receiver import Place, gga, gst, rmc, rtk_error, zda
 
@@ -74,7 +74,7 @@ def test_a_fix_that_comes_back_elsewhere_is_refused() -> None:
 
 
 def test_a_tripod_that_was_moved_is_believed_again_after_the_window() -> None:
-    away = [gga(second(60 + i), PLACE, np.array([5.0, 0.0, 0.0])) for i in range(int(WINDOW_S) + 30)]
+    away = [gga(second(60 + i), PLACE, np.array([5.0, 0.0, 0.0])) for i in range(int(STATIC_WINDOW_S) + 30)]
     session, _ = played(still(60) + away)
     surveyed = session.surveyed()
     assert surveyed is not None

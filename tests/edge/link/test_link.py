@@ -9,7 +9,7 @@ import pytest
 
 from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
-from edge.link.outbox import CAPACITY
+from edge.link.outbox import OUTBOX_MESSAGES
 from edge.link.settings import LinkSettings
 from edge.messages import Lens, Tracks, camera_key, decode
 
@@ -100,7 +100,7 @@ def test_publishing_without_a_session_neither_blocks_nor_grows(endpoint: str, un
     # A client without its router cannot open a session at all.
     with Link(LinkSettings(mode="client", connect=(endpoint,)), name="lonely") as link:
         start = time.monotonic()
-        for seq in range(CAPACITY + 100):
+        for seq in range(OUTBOX_MESSAGES + 100):
             link.publish(camera_key("field", "cam0", "tracks"), tracks(seq))
         assert time.monotonic() - start < 1.0
         assert link.counters.dropped == 100

@@ -14,7 +14,7 @@ import serial
 
 from edge.common.errors import ConfigError
 
-READ_BYTES: Final = 4096
+LINK_READ_BYTES: Final = 4096
 READS_A_POLL: Final = 16  # datagrams: a flood of commands must not hold up targets
 BACKLOG_BYTES: Final = 262_144  # per TCP client: seconds of full rate; more means it has stopped reading
 REDIAL_NS: Final = 1_000_000_000
@@ -69,7 +69,7 @@ class UdpEndpoint(Endpoint):
         came: list[tuple[int, bytes]] = []
         for _ in range(READS_A_POLL):
             try:
-                came.append((0, self._socket.recv(READ_BYTES)))
+                came.append((0, self._socket.recv(LINK_READ_BYTES)))
             except BlockingIOError:
                 break
             except OSError as error:  # what the network reports of datagrams sent
@@ -104,7 +104,7 @@ class _Stream:
     def pull(self) -> bytes:
         """What came. Raises OSError when the peer is gone."""
         try:
-            data = self.connection.recv(READ_BYTES)
+            data = self.connection.recv(LINK_READ_BYTES)
         except BlockingIOError:
             return b""
         if not data:
@@ -214,7 +214,7 @@ class SerialEndpoint(Endpoint):
     def receive(self, now_ns: int) -> list[tuple[int, bytes]]:
         line = self._open(now_ns)
         try:
-            data = line.read(READ_BYTES) if line is not None else b""
+            data = line.read(LINK_READ_BYTES) if line is not None else b""
         except (OSError, serial.SerialException, TypeError) as error:  # TypeError: pyserial, unplugged while reading
             self._lost(error)
             return []

@@ -26,7 +26,7 @@ HEADING_FROM_M_S: Final = 1.0  # slower than that a course over ground is noise
 UINT32: Final = 0xFFFFFFFF  # time_boot_ms wraps after 49.7 days
 STATUS_BYTES: Final = 50  # of a STATUSTEXT chunk
 
-STATES: Final = {
+TRACK_STATES: Final = {
     TargetState.TENTATIVE: dialect.TRACK_STATE_TENTATIVE,
     TargetState.CONFIRMED: dialect.TRACK_STATE_CONFIRMED,
     TargetState.COASTING: dialect.TRACK_STATE_COASTING,
@@ -82,7 +82,7 @@ def target_track_ecef(
         camera_mask=target.camera_mask,
         epoch=context.epoch & 0xFFFF,
         flags=flags,
-        state=STATES[target.state],
+        state=TRACK_STATES[target.state],
         camera_count=_within(len(target.cameras), 0, 255),
         quality=_within(target.quality * 100, 0, 100),
     )

@@ -25,7 +25,7 @@ from edge.common.settings import build
 log = logging.getLogger(__name__)
 
 NEVER_BLOCKS: Final = True  # see endpoint.py
-RECENT_NS: Final = 60 * 10**9  # how long a refused command is spoken of
+REFUSAL_RECENT_NS: Final = 60 * 10**9  # how long a refused command is spoken of
 SEVERITIES: Final[dict[HealthLevel, int]] = {
     "ok": common.MAV_SEVERITY_NOTICE,
     "warn": common.MAV_SEVERITY_WARNING,
@@ -46,7 +46,7 @@ class MavlinkOutput:
         self._options, self._context = options, context
         self._lines: list[tuple[MavlinkPort, Endpoint, EndpointSection]] = []
         self._errors: Counter[str] = Counter()
-        self._refused, self._refused_ns = 0, -RECENT_NS
+        self._refused, self._refused_ns = 0, -REFUSAL_RECENT_NS
         self._streams: dict[bytes | None, Streams] = {}
         try:
             for section in options.endpoint:
@@ -128,7 +128,7 @@ class MavlinkOutput:
         refused = sum(port.counters["commands_refused"] for port, _, _ in self._lines)
         if refused > self._refused:
             self._refused, self._refused_ns = refused, now_ns
-        if now_ns - self._refused_ns < RECENT_NS:
+        if now_ns - self._refused_ns < REFUSAL_RECENT_NS:
             action = "sign with this station's key, list the system in commands_from, or find out who it is"
             checks.append(Check("mavlink commands", "warn", f"{refused} were refused ({self._reasons()})", action))
         return checks

@@ -21,12 +21,12 @@ from calib.station.outputs.mavlink.codec import Codec, Streams
 from calib.station.outputs.mavlink.messages import COMPONENT_ECEF, COMPONENT_GCS, MavlinkContext, TrackerStatus
 from calib.station.outputs.output import CommandHandler
 from calib.tracking.targets import TargetState
+from edge.common.units import NS
 
 LOST_REPEATS: Final = 3  # UDP loses one in a hundred, hardly three in a row
 LOST_SPACING_NS: Final = 200_000_000
 TEXTS_A_SECOND: Final = 5  # STATUSTEXT: an operator reads no more, a radio carries no more
 MAX_INTERVAL_US: Final = 60_000_000
-NS: Final = 10**9
 
 
 @dataclass

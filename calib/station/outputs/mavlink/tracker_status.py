@@ -15,7 +15,7 @@ from calib.station.outputs.mavlink.messages import TrackerStatus
 from calib.station.outputs.output import StationStanding
 
 MASK_BITS: Final = 32  # cameras beyond have no bit
-NEEDED: Final = 2  # calibrated cameras online: one alone sees directions, no positions
+NEEDED_CAMERAS: Final = 2  # calibrated cameras online: one alone sees directions, no positions
 REPLAYED_MS: Final = 10_000.0  # a recording played again was exposed long ago: that is no latency
 MAV_STATES: Final = {
     Phase.COLLECTING: common.MAV_STATE_CALIBRATING,
@@ -46,7 +46,7 @@ def system_status(standing: StationStanding) -> int:
     if not any(camera.online for camera in standing.cameras):
         return int(common.MAV_STATE_STANDBY)
     seeing = sum(camera.online and camera.calibrated for camera in standing.cameras)
-    if standing.phase is Phase.CALIBRATED and seeing < NEEDED:
+    if standing.phase is Phase.CALIBRATED and seeing < NEEDED_CAMERAS:
         return int(common.MAV_STATE_CRITICAL)
     return int(MAV_STATES[standing.phase])
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.station.archive.backfill import LONGEST_REST_S, REST, SHORTEST_REST_S, Backfill, rest_after
+from calib.station.archive.backfill import BACKFILL_REST, LONGEST_REST_S, SHORTEST_REST_S, Backfill, rest_after
 from calib.station.archive.ledger import Gap
 from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
@@ -189,7 +189,7 @@ def test_a_slow_way_is_left_to_what_is_live_most_of_the_time(endpoint: str, unti
         share = sum(busy_s[asked:]) / (time.monotonic() - began)
         over.set()
         slow.join()
-    assert 0.02 < share < 1 / (1 + REST) + 0.05
+    assert 0.02 < share < 1 / (1 + BACKFILL_REST) + 0.05
     assert backfill.counters.recovered > 0
 
 
@@ -197,4 +197,4 @@ def test_a_slow_way_is_left_to_what_is_live_most_of_the_time(endpoint: str, unti
 def test_a_rest_is_long_enough_and_ends(took_s: float) -> None:
     rest_s = rest_after(took_s)
     assert SHORTEST_REST_S <= rest_s <= LONGEST_REST_S
-    assert rest_s >= min(REST * took_s, LONGEST_REST_S)
+    assert rest_s >= min(BACKFILL_REST * took_s, LONGEST_REST_S)

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.station.core.sequence import LEAP, NS, RATE_HZ, SILENT_NS, Sequence
+from calib.station.core.sequence import LEAP, RATE_HZ, SILENT_NS, Sequence
+from edge.common.units import NS
 from edge.messages import Tracks, camera_key, encode
 from tests.calib.station.conftest import Change, Fed
 from tools.doubles.box_messages import SITE, Sent

@@ -9,10 +9,10 @@ import pytest
 from calib.station.core.calibration import Phase
 from calib.station.core.outgoing import Border, OutgoingTarget
 from calib.station.core.station import UNASKED_HZ
-from calib.station.outputs.guarded import RECENT_NS, GuardedOutput
+from calib.station.outputs.guarded import FAULT_RECENT_NS, GuardedOutput
 from calib.station.outputs.output import StationStanding
 from calib.station.outputs.outputs import Outputs
-from calib.station.outputs.threaded import CAPACITY, STALLED_S, ThreadedOutput
+from calib.station.outputs.threaded import CALLS_WAITING, STALLED_S, ThreadedOutput
 from tests.calib.station.outputs.misbehaving import Misbehaving
 from tests.conftest import Until
 
@@ -38,8 +38,8 @@ def test_what_one_raises_ends_that_call_alone_and_is_named_for_a_minute() -> Non
     named = {check.name: check for check in outputs.checks(0)}
     assert "KeyError('calibrated')" in named["output wrong"].reason
     assert "output good" not in named
-    assert "output wrong" in {check.name for check in outputs.checks(RECENT_NS - 1)}
-    assert "output wrong" not in {check.name for check in outputs.checks(RECENT_NS)}
+    assert "output wrong" in {check.name for check in outputs.checks(FAULT_RECENT_NS - 1)}
+    assert "output wrong" not in {check.name for check in outputs.checks(FAULT_RECENT_NS)}
 
 
 def test_being_told_to_stop_is_no_fault_of_an_output() -> None:
@@ -63,14 +63,14 @@ def test_an_output_that_hangs_is_named_and_loses_the_oldest(until: Until) -> Non
     with threaded(inner) as output:
         output.second(STANDING, [], 0)
         assert until(lambda: inner.calls == ["second"])
-        for _ in range(CAPACITY + 10):
+        for _ in range(CALLS_WAITING + 10):
             output.second(STANDING, [], 0)
         assert output.counters["own_dropped_calls"] == 10
         assert until(lambda: output.checks(0), within_s=STALLED_S + 5)
         (check,) = output.checks(0)
         assert (check.name, check.level) == ("output own", "warn")
         inner.free.set()
-        assert until(lambda: inner.calls.count("second") > CAPACITY // 2)
+        assert until(lambda: inner.calls.count("second") > CALLS_WAITING // 2)
         assert until(lambda: [check.name for check in output.checks(0)] == ["misbehaving"])
     assert inner.calls[-1] == "close"
 
@@ -82,7 +82,7 @@ def test_the_origin_is_known_before_the_next_targets_however_much_was_dropped(un
         assert until(lambda: inner.calls)
         output.moved((1.0, 2.0, 3.0))
         output.moved(ORIGIN)
-        for _ in range(2 * CAPACITY):
+        for _ in range(2 * CALLS_WAITING):
             output.second(STANDING, [], 0)
         inner.free.set()
         assert until(lambda: inner.origins == [ORIGIN])  # the newest alone: the one before was never sent from
