@@ -100,9 +100,16 @@ make_user() {
 }
 
 lay_programs() {    # /opt/skyfix/$version, whole or not at all
-    local place="$PREFIX/$version" extra='' mark='' python
-    if [ "$role" = base ] || [ -e "$place/.complete-base" ]; then extra='[base]' mark=-base; fi
-    if [ -e "$place/.complete$mark" ] && [ -n "$source" ] && cmp -s "$tree/SHA256SUMS" "$place/SHA256SUMS"; then
+    local place="$PREFIX/$version" roles=$role extras='' python each
+    # One machine may be base and box: what was laid for one of them stays when the other comes.
+    for each in edge base router; do
+        if [ "$each" != "$role" ] && [ -e "$place/.complete-$each" ]; then roles+=" $each"; fi
+    done
+    for each in $roles; do
+        case $each in edge) extras+=,box ;; base) extras+=,base ;; esac
+    done
+    if [ -n "$extras" ]; then extras="[${extras#,}]"; fi
+    if [ -e "$place/.complete-$role" ] && [ -n "$source" ] && cmp -s "$tree/SHA256SUMS" "$place/SHA256SUMS"; then
         say "$version is laid already"
         return
     fi
@@ -114,7 +121,7 @@ lay_programs() {    # /opt/skyfix/$version, whole or not at all
         local pip
         pip=$(echo "$tree"/wheels/pip-*.whl)
         "$place/bin/python" "$pip/pip" --isolated --quiet --disable-pip-version-check install --no-index \
-            --find-links "$tree/wheels" "skyfix$extra==$version" ||
+            --find-links "$tree/wheels" "skyfix$extras==$version" ||
             fail "the bundle has no wheels for $("$python" --version) on $(uname -m)" \
                  "build it with: python -m tools.bundle --python $("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')"
         cp "$tree/SHA256SUMS" "$place/"
@@ -123,12 +130,12 @@ lay_programs() {    # /opt/skyfix/$version, whole or not at all
         "$python" -m venv --upgrade "$place"
         "$place/bin/python" -m ensurepip --default-pip >/dev/null
         "$place/bin/python" -m pip --quiet --disable-pip-version-check install \
-            --constraint "$tree/requirements.lock" "$tree$extra"
+            --constraint <(grep -oE '^[A-Za-z0-9._-]+==[^ ]+' "$tree/requirements.lock") "$tree$extras"
     fi
     rm -rf "$place/deploy" "$place/systemd"
     cp -r "$tree/deploy" "$tree/systemd" "$tree/README.md" "$place/"
     "$place/bin/python" -m compileall -q "$place/lib" >/dev/null || true
-    touch "$place/.complete" "$place/.complete$mark"
+    for each in $roles; do touch "$place/.complete-$each"; done
     sync -f "$place"
 }
 

@@ -4,12 +4,13 @@
     python -m tools.bundle --machine x86_64     for one of them
     python -m tools.bundle --python 3.13        for another Python than Debian 12's
 
-Wheels of exactly the versions in requirements.lock, the installer, units, configuration templates, and a checksum of
-each file. The same tree gives the same bytes.
+Wheels of exactly the versions and hashes in requirements.lock, the installer, units, configuration templates, and a
+checksum of each file. The same tree gives the same bytes.
 """
 
 import argparse
 import hashlib
+import re
 import shutil
 import subprocess
 import sys
@@ -40,17 +41,38 @@ def build_wheel(folder: Path) -> Path:
                 shutil.copytree(source, Path(temporary) / name, ignore=LEFT_OUT)
             else:
                 shutil.copy2(source, temporary)
-        _pip("wheel", "--no-deps", "--wheel-dir", str(folder), temporary)
+        _pip("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), temporary)
     return next(folder.glob("skyfix-*.whl"))
 
 
 def download(folder: Path, wheel: Path, machine: str, python: str) -> None:
     """Every wheel that box and base need on one kind of machine, and pip itself for a Python without it."""
     platforms = [word for name in PLATFORMS[machine] for word in ("--platform", name)]
-    _pip(
-        *("download", "--dest", str(folder), "--only-binary=:all:", "--python-version", python, *platforms),
-        *("--constraint", str(ROOT / "requirements.lock"), f"{wheel}[base]", "pip"),
-    )
+    lock = (ROOT / "requirements.lock").read_text()
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as constraints:
+        constraints.write(pins(lock))
+        constraints.flush()
+        _pip(
+            *("download", "--dest", str(folder), "--only-binary=:all:", "--python-version", python, *platforms),
+            *("--constraint", constraints.name, f"{wheel}[box,base]", "pip"),
+        )
+    refuse_strangers(folder, lock)
+
+
+def pins(lock: str) -> str:
+    """The versions of a lock file without the hashes: pip takes no constraint with hashes beside a wheel of our own."""
+    return "".join(f"{pin}\n" for pin in re.findall(r"^[\w.-]+==[^\s\\]+", lock, re.MULTILINE))
+
+
+def refuse_strangers(folder: Path, lock: str) -> None:
+    """Raises SystemExit naming a wheel that is not one of the lock file's. Ours, and pip, are not in it."""
+    known = set(re.findall(r"--hash=sha256:([0-9a-f]{64})", lock))
+    for wheel in sorted(folder.glob("*.whl")):
+        ours = wheel.name.startswith(("skyfix-", "pip-"))
+        if not ours and hashlib.sha256(wheel.read_bytes()).hexdigest() not in known:
+            raise SystemExit(
+                f"{wheel.name}: its hash is not in requirements.lock; run `make lock` and look at the change"
+            )
 
 
 def _pip(*arguments: str) -> None:

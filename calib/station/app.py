@@ -75,11 +75,12 @@ def _module(command: str) -> Any:
     try:
         return importlib.import_module(f"calib.station.commands.{command}")
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] in OURS:
+        library = (error.name or OURS[0]).partition(".")[0]
+        if library in OURS:
             raise
         raise SkyfixError(
-            f"{error.name} is not installed",
-            where=f"base-station {command}",
+            f"{library} is not installed",
+            where=command,
             action=f"pip install 'skyfix[{EXTRAS.get(command, 'base')}]'",
         ) from error
 

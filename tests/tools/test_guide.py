@@ -1,11 +1,12 @@
-"""The guide says what is: its tables are generated, its commands run, its quotations are the program's own words."""
+"""The guide says what is: its tables are generated, its quotations are the program's own words.
 
-import os
+Its commands are run by test_wheel.py.
+"""
+
 import re
 import shlex
 import subprocess
 import sys
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -16,21 +17,12 @@ from calib.station.config import BaseConfig
 from edge.common import settings
 from edge.config import BoxConfig
 from tests.places import ROOT
+from tests.tools.guidebook import TEXT, blocks
 from tools.guide import GUIDE, PARTS, filled, keys, tables
 
-TEXT = GUIDE.read_text()
 PROGRAMS = {"edge-node": "edge.app", "base-station": "calib.station.app"}
 # What varies in a quoted sentence: a number with its unit, a camera's name, a size.
 VARIES = re.compile(r"\d+ x \d+|\d[\d.]*|cam\d|\(Address already in use\)|on this machine only", re.IGNORECASE)
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
-
-
-def environment() -> dict[str, str]:
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    return os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}
 
 
 def test_the_generated_tables_are_up_to_date() -> None:
@@ -61,19 +53,6 @@ def test_a_guide_without_a_place_for_a_table_is_an_error() -> None:
     for name in PARTS:
         with pytest.raises(ValueError, match=name):
             filled(TEXT.replace(f"<!-- {name} -->", ""))
-
-
-def test_the_commands_run(tmp_path: Path) -> None:
-    """All blocks that need no hardware, one after the other, as a reader would."""
-    for name in ("deploy", "tools"):
-        (tmp_path / name).symlink_to(ROOT / name)
-    (tmp_path / "base.toml").write_text((ROOT / "deploy" / "base.example.toml").read_text())
-    script = "set -euo pipefail\n" + "\n".join(blocks("sh"))
-    done = subprocess.run(
-        ["bash", "-c", script], cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert (tmp_path / "out" / "solved" / "report.html").stat().st_size > 100_000
 
 
 @pytest.mark.parametrize("line", [line for block in blocks("console") for line in block.splitlines()])
