@@ -5,18 +5,35 @@ condition number of 1e12. So everything is estimated in ENU about a fixed origin
 called only where a survey comes in and a position goes out. The arithmetic is pymap3d's.
 """
 
+from typing import Final
+
 import numpy as np
 import pymap3d
 
 from edge.common.arrays import Array
 
 Origin = tuple[float, float, float]  # latitude deg, longitude deg, ellipsoidal height m
+HALF_TURN_DEG: Final = 180.0
 
 
 def geodetic_to_enu(geodetic: Array, origin: Origin) -> Array:
     """(N, 3) ENU metres about `origin` of (N, 3) latitude deg, longitude deg, ellipsoidal height m."""
     lat, lon, height = np.asarray(geodetic, float).reshape(-1, 3).T
     return np.column_stack(pymap3d.geodetic2enu(lat, lon, height, *origin))
+
+
+def mean_position(geodetic: Array) -> Origin:
+    """The middle of (N, 3) latitude deg, longitude deg, ellipsoidal height m, all of one site.
+
+    Across the date line too, where the mean of the longitudes themselves is on the other side of the Earth.
+    """
+    places = np.array(geodetic, float).reshape(-1, 3)
+    beyond = places[:, 1] - places[0, 1]
+    places[:, 1] -= np.where(np.abs(beyond) > HALF_TURN_DEG, 2 * HALF_TURN_DEG * np.sign(beyond), 0.0)
+    latitude, longitude, height = places.mean(axis=0).tolist()
+    if abs(longitude) > HALF_TURN_DEG:
+        longitude -= 2 * HALF_TURN_DEG * np.sign(longitude)
+    return latitude, float(longitude), height
 
 
 def enu_to_geodetic(enu: Array, origin: Origin) -> Array:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.geodesy import R_ecef_enu, ecef_to_enu, enu_to_ecef, enu_to_geodetic, geodetic_to_enu
+from calib.geodesy import R_ecef_enu, ecef_to_enu, enu_to_ecef, enu_to_geodetic, geodetic_to_enu, mean_position
 
 A_M, B_M = 6378137.0, 6356752.314245179  # WGS 84's semi-axes
 HERE = np.zeros((1, 3))
@@ -67,3 +67,13 @@ def test_the_rotation_is_the_frames_own(lat: float, lon: float) -> None:
     vector = np.array([[12.0, -7.0, 3.0]])
     moved = enu_to_ecef(vector, origin) - enu_to_ecef(HERE, origin)
     assert moved[0] == pytest.approx(R @ vector[0], abs=5e-9)
+
+
+@pytest.mark.parametrize("lon_deg", [8.5, 179.99995, -179.99995, 0.0])
+def test_the_middle_of_a_site_is_in_the_middle_on_the_date_line_too(lon_deg: float) -> None:
+    corners = np.array([[30.0, -20.0, 1.0], [-30.0, -20.0, 2.0], [0.0, 40.0, 3.0]])
+    places = enu_to_geodetic(corners, (10.0, lon_deg, 100.0))
+    assert geodetic_to_enu(np.array([mean_position(places)]), (10.0, lon_deg, 100.0))[0] == pytest.approx(
+        [0.0, 0.0, 2.0], abs=1e-3
+    )
+    assert abs(mean_position(places)[1]) <= 180.0

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from calib.geodesy import Origin, geodetic_to_enu
+from calib.geodesy import Origin, geodetic_to_enu, mean_position
 from calib.observations import SiteCamera
 from calib.station.config import UNSTATED_SIGMA_M, Geodetic, Sigmas
 from edge.common import settings
@@ -74,8 +74,7 @@ def _mean_position(cameras: list[_Camera]) -> Origin:
     positions = [camera.position for camera in cameras if camera.position]
     if not positions:
         return (0.0, 0.0, 0.0)
-    lat, lon, height = np.mean(positions, axis=0).tolist()
-    return (lat, lon, height)
+    return mean_position(np.array(positions))
 
 
 def _site_camera(camera: _Camera, origin: Origin, path: Path) -> SiteCamera:

@@ -13,13 +13,14 @@ from msgspec.structs import asdict, replace
 
 from calib.network import from_toml
 from calib.station.config import load
-from calib.station.survey import edit
+from calib.station.survey import assessment, edit
 from calib.station.survey.arguments import add_arguments
 from calib.station.survey.box_fixes import take_boxes
 from calib.station.survey.call import Ask, SurveyCall, configured, store
+from calib.station.survey.derive import derived
 from calib.station.survey.in_force import SURVEY_FILE
 from calib.station.survey.rover_round import occupy_one, rover_round
-from calib.station.survey.store import Survey, SurveySite, TapeTable, derived, load_survey
+from calib.station.survey.store import Survey, SurveySite, TapeTable, load_survey
 from edge.common.errors import ConfigError
 from edge.common.settings import build
 
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace, ask: Ask = input) -> int:
 
 
 def _show(call: SurveyCall) -> int:
-    print(edit.describe(call.survey))
+    print(assessment.describe(call.survey))
     return 0
 
 
@@ -92,8 +93,8 @@ def _check(call: SurveyCall) -> int:
         raise ConfigError(
             f"cannot be read ({error})", where=str(call.args.network), action="give the network.toml of a calibration"
         ) from error
-    verdict = edit.check_network(call.survey, from_toml(text, where=str(call.args.network)))
-    tapes = edit.tape_checks(call.survey)
+    verdict = assessment.check_network(call.survey, from_toml(text, where=str(call.args.network)))
+    tapes = assessment.tape_checks(call.survey)
     print("\n".join([str(verdict), *(str(tape) for tape in tapes)]))
     return 0 if verdict.passed and all(tape.passed for tape in tapes) else 1
 

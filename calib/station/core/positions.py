@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from calib.geodesy import Origin, geodetic_to_enu
+from calib.geodesy import Origin, geodetic_to_enu, mean_position
 from calib.observations import SiteCamera
 from calib.station.config import MIN_CAMERAS, CameraSection, Sigmas
 from calib.station.core.intake import CameraIntake
@@ -55,8 +55,7 @@ class Positions:
         if self.origin is None:
             known = [place[0] for camera in self._cameras if (place := self._geodetic(camera, boxes[camera]))]
             if len(known) >= min(MIN_CAMERAS, len(self._cameras)):
-                latitude, longitude, height = np.mean(known, axis=0).tolist()
-                self.origin = (latitude, longitude, height)
+                self.origin = mean_position(np.array(known))
 
     def _geodetic(self, camera: str, box: CameraIntake) -> tuple[Origin, Sigmas] | None:
         section = self._cameras[camera]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.station.config import BaseConfig
-from calib.station.survey import edit
+from calib.station.survey import assessment
 from calib.station.survey.in_force import survey_file
 from calib.station.survey.store import Survey, save_survey
 from edge.common.errors import ConfigError
@@ -41,7 +41,7 @@ def configured(call: SurveyCall, camera: str) -> None:
 def store(call: SurveyCall, survey: Survey) -> int:
     """Keep and show it, and say what keeps it from being in force. Returns the exit code."""
     keep(call, survey)
-    print(edit.describe(survey))
+    print(assessment.describe(survey))
     for line in remarks(call, survey):
         print(line)
     return 0

@@ -2,36 +2,18 @@
 
 import csv
 import io
-import math
 from typing import Final
 
-import numpy as np
 from msgspec.structs import replace
 
-from calib.errors import CalibrationError
-from calib.geodesy import geodetic_to_enu
-from calib.network import POSE_SIZE, Network
-from calib.solving.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
 from calib.station.core.positions import lens_position
+from calib.station.survey.derive import derived
 from calib.station.survey.frames import frame_known
-from calib.station.survey.store import (
-    CameraTable,
-    EnteredTable,
-    OccupationTable,
-    Survey,
-    TapeTable,
-    absolute_sigmas,
-    derived,
-    occupations_of,
-)
-from calib.survey import Closure, apart, loop_closure
-from edge.common.arrays import Array
+from calib.station.survey.store import CameraTable, EnteredTable, OccupationTable, Survey, TapeTable
 from edge.common.errors import ConfigError
 from edge.common.settings import build
 from edge.messages import Fix
 
-LEAST_CAMERAS: Final = 3  # fewer say nothing about the survey: their shape is free
-LEAST_PRIOR_SIGMA_M: Final = 1e-3  # an entered sigma of zero would be an infinite weight
 CSV_COLUMNS: Final = ("id", "lat_deg", "lon_deg", "height_m", "sigma_east_m", "sigma_north_m", "sigma_up_m")
 
 
@@ -118,89 +100,6 @@ def add_tape(survey: Survey, tape: TapeTable) -> Survey:
     _known(survey, tape.first)
     _known(survey, tape.second)
     return replace(survey, tape=(*survey.tape, tape))
-
-
-def closure_of(survey: Survey) -> tuple[str, Closure] | None:
-    """The tripod occupied first, and how well the rover's last occupation of it closes; None before it is back."""
-    occupied = [table for table in survey.camera if table.occupation]
-    if not occupied:
-        return None
-    first = min(occupied, key=lambda table: min(each.t_unix_ns for each in table.occupation))
-    newest = max((each.t_unix_ns, table.id) for table in occupied for each in table.occupation)
-    closure = loop_closure(occupations_of(first))
-    return (first.id, closure) if closure and newest[1] == first.id and len(occupied) > 1 else None
-
-
-def tape_checks(survey: Survey) -> list[TapeCheck]:
-    """Every taped distance against the surveyed one."""
-    checks = []
-    for tape in survey.tape:
-        ends = [survey.of(tape.first), survey.of(tape.second)]
-        positions = [end.position for end in ends if end and end.position]
-        sigmas = [end.position_sigma for end in ends if end and end.position_sigma]
-        if len(positions) == 2 and len(sigmas) == 2:
-            enu = geodetic_to_enu(np.array(positions), positions[0])
-            names = (tape.first, tape.second)
-            checks.append(check_tape(names, enu, np.array(sigmas), tape.distance_m, tape_sigma_m=tape.sigma_m))
-    return checks
-
-
-def check_network(survey: Survey, network: Network) -> NetworkCheck:
-    """The survey against a network that was calibrated with it. Raises CalibrationError below three common cameras."""
-    names = [c.id for c in network.cameras if (table := survey.of(c.id)) is not None and table.position is not None]
-    if len(names) < LEAST_CAMERAS:
-        raise CalibrationError(
-            f"{len(names)} cameras are both surveyed and calibrated",
-            where="survey check",
-            action="survey three or more",
-        )
-    tables = [survey.of(name) for name in names]
-    surveyed = geodetic_to_enu(np.array([table.position for table in tables if table]), network.origin)
-    sigmas = np.array([table.position_sigma for table in tables if table], float).reshape(-1)
-    adjusted = np.array([camera.centre_enu for camera in network.cameras if camera.id in names])
-    prior = np.diag(np.maximum(sigmas, LEAST_PRIOR_SIGMA_M) ** 2)
-    return check_survey(names, surveyed, prior, adjusted, centre_covariance(network, names))
-
-
-def centre_covariance(network: Network, names: list[str]) -> Array:
-    """(3 n, 3 n) joint covariance of the named cameras' centres, in the network's order."""
-    at = [
-        POSE_SIZE * i + 3 + axis for i, camera in enumerate(network.cameras) if camera.id in names for axis in range(3)
-    ]
-    return network.covariance[np.ix_(at, at)]
-
-
-def describe(survey: Survey) -> str:
-    """What `survey show` prints: every tripod, how it is known and how well, closures and tapes."""
-    site = survey.site
-    lines = [f"site {site.name}: frame {site.frame} ({site.frame_note}), epoch {site.epoch or 'unknown'}"]
-    lines.append(f"corrections: {site.service or 'unknown'}; base: {site.base or 'unknown'}")
-    if not frame_known(site.frame):
-        lines.append("WARNING: unknown frame: 1 m is added to the absolute sigma; name it with `survey frame`")
-    lines += [line for table in survey.camera for line in _describe_camera(table)]
-    if sigmas := absolute_sigmas(survey):
-        worst = max(math.hypot(*sigma[:2]) for sigma in sigmas.values())
-        lines.append(f"in WGS 84: {worst:.2f} m horizontally, the frame's uncertainty included")
-    if closure := closure_of(survey):
-        lines.append(f"loop closure on {closure[0]} {closure[1]}")
-    lines += [str(check) for check in tape_checks(survey)]
-    return "\n".join(lines)
-
-
-def _describe_camera(table: CameraTable) -> list[str]:
-    if table.position is None or table.position_sigma is None:
-        return [f"{table.id}: no position"]
-    lat, lon, height = table.position
-    east, north, up = (sigma * 1000 for sigma in table.position_sigma)
-    source = table.entered.source if table.entered else f"{len(table.occupation)} occupations"
-    place = f"{lat:.9f} {lon:.9f} {height:.4f} m"
-    lines = [f"{table.id}: {place}, sigma {east:.0f} {north:.0f} {up:.0f} mm ({source})"]
-    occupations = occupations_of(table)
-    lines += [
-        f"  occupation {i}: {apart(occupations[0], each)} from the first"
-        for i, each in enumerate(occupations[1:], start=2)
-    ]
-    return lines
 
 
 def _known(survey: Survey, camera: str) -> CameraTable:

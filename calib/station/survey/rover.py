@@ -18,15 +18,15 @@ from edge.gnss.session import Surveyed, t_unix_ns
 
 NEWS_S: Final = 1.0  # the receiver publishes twice a second; without news the line is drawn again
 PATIENCE_S: Final = 600.0  # for a fix to come, or to be lost: longer and something is wrong
-GONE: Final = frozenset(
+HOPELESS: Final = frozenset(
     {ReceiverState.ENDED, ReceiverState.DENIED, ReceiverState.BUSY}
 )  # states that waiting does not mend
 
-Say = Callable[[str], None]
+Progress = Callable[[str], None]  # draws the line that an operator watches
 
 
 def occupy(
-    receiver: PositionInput, seconds: float, antenna: AntennaTable, *, unix_ns: Callable[[], int], progress: Say
+    receiver: PositionInput, seconds: float, antenna: AntennaTable, *, unix_ns: Callable[[], int], progress: Progress
 ) -> OccupationTable:
     """One occupation of at least `seconds` of accepted epochs.
 
@@ -43,12 +43,12 @@ def occupy(
             return occupation_of(surveyed, antenna, unix_ns())
         if surveyed and surveyed.mean.fault and not surveyed.mean.young:
             raise _refused(surveyed.mean.fault, "keep the antenna still, re-initialise the receiver, occupy again")
-        if status.state in GONE:
+        if status.state in HOPELESS:
             raise _refused(status.reason, status.action)
     raise _refused(receiver.status().reason, receiver.status().action)
 
 
-def wait_for_lost_fix(receiver: PositionInput, progress: Say) -> None:
+def wait_for_lost_fix(receiver: PositionInput, progress: Progress) -> None:
     """Return when the receiver has been seen without a fix. Raises CalibrationError if it keeps it."""
     before = _unfixed(receiver)
     waited_s = 0.0

@@ -11,10 +11,11 @@ from dataclasses import replace
 from calib.errors import CalibrationError
 from calib.station.inputs.input import PositionInput
 from calib.station.inputs.receiver import opened_receiver, receiver_settings
-from calib.station.survey import edit
+from calib.station.survey import assessment, edit
 from calib.station.survey.call import SurveyCall, configured, keep, remarks
+from calib.station.survey.derive import antenna_of
 from calib.station.survey.rover import occupy, wait_for_lost_fix
-from calib.station.survey.store import AntennaTable, OccupationTable, Survey, antenna_of
+from calib.station.survey.store import AntennaTable, OccupationTable, Survey
 from edge.common.errors import ConfigError
 from edge.common.settings import build
 from edge.config import GnssConfig
@@ -43,7 +44,7 @@ def rover_round(call: SurveyCall) -> int:
                 continue
             first = first or camera
     print("\n".join(remarks(call, call.survey)))
-    closure = edit.closure_of(call.survey)
+    closure = assessment.closure_of(call.survey)
     print(f"loop closure on {closure[0]} {closure[1]}" if closure else "the round was not closed on its first tripod")
     return 0 if closure and not closure[1].apart.too_far else 1
 
@@ -69,7 +70,7 @@ def _occupy_tripod(call: SurveyCall, receiver: PositionInput, antenna: AntennaTa
         wait_for_lost_fix(receiver, _progress)
         second = _one_occupation(call, receiver, antenna, f"{camera}, second")
         survey = edit.add_occupation(survey, camera, second)
-    print(edit.describe(survey))
+    print(assessment.describe(survey))
     if not call.args.yes and not call.ask(f"accept {camera}? [y/N] ").strip().lower().startswith("y"):
         raise CalibrationError("rejected by the operator", where=f"camera {camera}", action="occupy it again")
     keep(call, survey)

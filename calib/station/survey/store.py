@@ -9,16 +9,10 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import msgspec
-import numpy as np
 import tomli_w
 from msgspec import Meta
-from msgspec.structs import asdict, replace
+from msgspec.structs import replace
 
-from calib.errors import CalibrationError
-from calib.geodesy import Origin, enu_to_geodetic, geodetic_to_enu
-from calib.station.survey.frames import convert, frame_known
-from calib.survey import Antenna, Occupation, SurveyedPoint, absolute_sigma, combine
-from edge.common.arrays import Array
 from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
 from edge.common.settings import load
@@ -138,95 +132,3 @@ def load_survey(path: Path) -> Survey:
 def save_survey(survey: Survey, path: Path) -> None:
     """Write the file so that a power cut leaves the old or the new one."""
     write_atomically(path, (HEADER + tomli_w.dumps(msgspec.to_builtins(survey))).encode())
-
-
-def derived(survey: Survey) -> Survey:
-    """The survey with every position computed anew from its raw coordinates: combined, converted, shifted.
-
-    Raises CalibrationError if two occupations of a tripod differ too much, ConfigError if the frame cannot be had.
-    """
-    points = {table.id: point for table in survey.camera if (point := _raw_point(table)) is not None}
-    raw = np.array([point.geodetic for point in points.values()]).reshape(-1, 3)
-    site, geodetic = _in_frame(survey.site, raw)
-    positions = dict(zip(points, _shifted(geodetic, site.shift_enu_m).tolist(), strict=True))
-    tables = []
-    for table in survey.camera:
-        point = points.get(table.id)
-        position = _rounded(positions[table.id]) if point else None
-        tables.append(replace(table, position=position, position_sigma=point.sigma_m if point else None))
-    return replace(survey, site=site, camera=tuple(tables))
-
-
-def absolute_sigmas(survey: Survey) -> dict[str, tuple[float, float, float]]:
-    """One sigma in WGS 84 of each surveyed lens: with what is not known about the frame."""
-    known = frame_known(survey.site.frame)
-    return {
-        table.id: absolute_sigma(table.position_sigma, frame_known=known, conversion_sigma_m=survey.site.frame_sigma_m)
-        for table in survey.camera
-        if table.position_sigma is not None
-    }
-
-
-def occupations_of(table: CameraTable) -> list[Occupation]:
-    """The tripod's occupations as the mathematics wants them. Raises CalibrationError as Antenna does."""
-    return [
-        Occupation(
-            t_unix_ns=each.t_unix_ns,
-            duration_s=each.duration_s,
-            samples=each.samples,
-            geodetic=each.position,
-            scatter_m=each.scatter_m,
-            floor_m=each.floor_m,
-            fixed_m=each.fixed_m,
-            antenna=antenna_of(each.antenna),
-        )
-        for each in table.occupation
-    ]
-
-
-def antenna_of(table: AntennaTable) -> Antenna:
-    """The antenna as the mathematics wants it. Raises CalibrationError if it cannot be allowed for."""
-    return Antenna(**asdict(table))
-
-
-def origin_of(survey: Survey) -> Origin:
-    """The mean of the surveyed lenses: where a local frame begins. Raises CalibrationError without any."""
-    positions = [table.position for table in survey.camera if table.position is not None]
-    if not positions:
-        raise CalibrationError("no surveyed position", where="survey", action="occupy or enter the tripods first")
-    middle = geodetic_to_enu(np.array(positions), positions[0]).mean(axis=0, keepdims=True)
-    latitude, longitude, height = enu_to_geodetic(middle, positions[0])[0].tolist()
-    return latitude, longitude, height
-
-
-def _rounded(position: list[float]) -> Origin:
-    """To a micrometre: what a person reading the file can compare."""
-    latitude, longitude, height = position
-    return round(latitude, 11), round(longitude, 11), round(height, 6)
-
-
-def _raw_point(table: CameraTable) -> SurveyedPoint | None:
-    if table.occupation:
-        return combine(occupations_of(table), where=f"camera {table.id}")
-    if table.entered:
-        return SurveyedPoint(table.entered.position, table.entered.sigma, 1)
-    return None
-
-
-def _in_frame(site: SurveySite, raw: Array) -> tuple[SurveySite, Array]:
-    """The site and (N, 3) positions in the frame that was asked for, or as they came with their label."""
-    if site.convert_to is None or len(raw) == 0:
-        return replace(site, frame=site.raw_frame, frame_note="passed through", frame_sigma_m=0.0), raw
-    if site.epoch is None:
-        raise ConfigError("the coordinates' epoch is not known", where="site.epoch", action="give the decimal year")
-    converted = convert(raw, site.raw_frame, site.convert_to, site.epoch)
-    known = replace(site, frame=site.convert_to, frame_note=converted.note, frame_sigma_m=converted.accuracy_m)
-    return known, converted.geodetic
-
-
-def _shifted(geodetic: Array, shift_enu_m: tuple[float, float, float]) -> Array:
-    """(N, 3) positions moved by the operator's vector, each in its own east, north, up."""
-    if not any(shift_enu_m) or len(geodetic) == 0:
-        return geodetic
-    shift = np.array([shift_enu_m])
-    return np.concatenate([enu_to_geodetic(shift, (row[0], row[1], row[2])) for row in geodetic.tolist()])
