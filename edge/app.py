@@ -116,7 +116,7 @@ def _leave_what_is_stuck(stuck: set[threading.Thread], code: int) -> None:
 
 def _preview(where: str | None, worker: "CameraWorker") -> contextlib.AbstractContextManager[object]:
     """The preview of a camera; of the first one, where a box has several and none was chosen."""
-    from edge.preview import Preview  # noqa: PLC0415
+    from edge.pictures.preview import Preview  # noqa: PLC0415
 
     return Preview(where, worker.glance) if where else contextlib.nullcontext()
 

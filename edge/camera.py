@@ -21,8 +21,8 @@ from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector.opening import open_detector
 from edge.gate import TrackRow
 from edge.messages import Tracks
+from edge.pictures.view import ViewWatch
 from edge.pipeline import CameraFacts, Pipeline, SideBySide
-from edge.view import ViewWatch
 
 log = logging.getLogger(__name__)
 

@@ -108,10 +108,10 @@ def read_kernel() -> ClockState:
 
 def of_ptp(answer: str) -> ClockState:
     """The state in the answer of pmc to GET TIME_STATUS_NP and GET CURRENT_DATA_SET; offsets there are nanoseconds."""
-    said = dict(re.findall(r"^\s+(\w+)\s+(\S+)\s*$", answer, flags=re.MULTILINE))
+    reported = dict(re.findall(r"^\s+(\w+)\s+(\S+)\s*$", answer, flags=re.MULTILINE))
     try:
-        present = said["gmPresent"] == "true"
-        bound_s = (abs(float(said["offsetFromMaster"])) + float(said["meanPathDelay"]) / 2) * 1e-9 + PTP_FLOOR_S
+        present = reported["gmPresent"] == "true"
+        bound_s = (abs(float(reported["offsetFromMaster"])) + float(reported["meanPathDelay"]) / 2) * 1e-9 + PTP_FLOOR_S
     except (KeyError, ValueError):
         return _unknown("ptp", "ptp4l did not answer", "start ptp4l, and let this user write to /var/run/ptp4l")
     if not math.isfinite(bound_s):

@@ -12,7 +12,7 @@ from typing import Final
 from edge.common.health import SEVERITY, Check, worst
 from edge.messages import Health, HealthItem
 
-CLEAR_AFTER_S: Final = 3.0  # s a better level must last before it is believed: longer than a flicker
+CLEAR_AFTER_NS: Final = 3_000_000_000  # a better level must last so long before it is shown: longer than a flicker
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,8 @@ class _Held:
 class HealthBoard:
     """Turns observations into a Health message, with memory. Names not observed in a call are dropped."""
 
-    def __init__(self, epoch: int, clear_after_s: float = CLEAR_AFTER_S) -> None:
+    def __init__(self, epoch: int) -> None:
         self._epoch = epoch
-        self._clear_after_ns = round(clear_after_s * 1e9)
         self._held: dict[str, _Held] = {}
 
     def update(self, now_unix_ns: int, checks: Iterable[Check], counters: Mapping[str, float]) -> Health:
@@ -47,7 +46,7 @@ class HealthBoard:
         if check.level == held.check.level:
             return _Held(check, held.since_unix_ns)
         better_since = now if held.better_since_unix_ns is None else held.better_since_unix_ns
-        if now - better_since >= self._clear_after_ns:
+        if now - better_since >= CLEAR_AFTER_NS:
             return _Held(check, better_since)
         return replace(held, better_since_unix_ns=better_since)
 

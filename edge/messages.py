@@ -20,9 +20,6 @@ from edge.lens import LensModel, LensName, check_lens_name
 VERSION: Final = 1
 ENCODING: Final = "application/json"
 
-CAMERA_TOPICS: Final = ("tracks", "backlog", "lens", "fix", "health")
-STATION_TOPICS: Final = ("network", "targets", "health")
-
 # Four detectors' worth of clutter; a frame that claims more is broken or hostile.
 MAX_DETECTIONS: Final = 1000
 # A box asked for more at once would be kept from its live work; ten seconds of a 30 Hz camera.

@@ -25,8 +25,8 @@ from edge.link.health import LinkHealth
 from edge.link.link import Link
 from edge.link.spool import Spool, SpoolSettings
 from edge.messages import Lens, Tracks, camera_key, encode
+from edge.pictures.thumbnail import focus_score, thumbnail
 from edge.temperature import check_temperature
-from edge.thumbnail import focus_score, thumbnail
 
 log = logging.getLogger(__name__)
 

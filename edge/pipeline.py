@@ -21,7 +21,7 @@ from edge.detector.detections import Detections, Detector
 from edge.gate import Gate, TrackRow, make_gate
 from edge.lens import LensModel, pixel_to_ray
 from edge.messages import MAX_RAY, Detection, Tracks
-from edge.view import ViewWatch
+from edge.pictures.view import ViewWatch
 
 EMPTY_EVERY_NS: Final = 500_000_000  # "sees nothing" is said twice a second; the contract asks for once
 STEPPED_BACK_NS: Final = 1_000_000_000  # further back than this the clock was set, and tracking begins anew

@@ -53,7 +53,7 @@ class StreamDrift:
 
     Decoders tie a stream to the sender's clock once, at the first report; at 50 ppm that is 180 ms wrong after an hour.
     The least delay stays as it was, so what it seems to have changed by is the drift. But a network that is slow for a
-    minute changes it too, by seconds; so the drift is only believed to grow as fast as a clock's can.
+    minute changes it too, by seconds; so the drift is only let grow as fast as a clock's can.
     """
 
     _first_stream_ns: int | None = None

@@ -85,11 +85,11 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
             yield Check(f"camera {camera.id}", "fail", f"{camera.source.path} holds no frame", "play it to check it")
             return
         bound_s = total_bound_s(last, clock.bound_s())
-        told = "unknown" if bound_s is None else f"{bound_s * 1e3:.3g} ms"
+        uncertainty = "unknown" if bound_s is None else f"{bound_s * 1e3:.3g} ms"
         level: HealthLevel = "warn" if bound_s is None or last.time_source == "arrival" else "ok"
         action = "expect a worse position, or give it a better source of time" if level == "warn" else ""
         size = f"{last.size_px[0]} x {last.size_px[1]}"
-        reason = f"{size} frames, timed by {last.time_source}, uncertain by {told}"
+        reason = f"{size} frames, timed by {last.time_source}, uncertain by {uncertainty}"
         yield Check(f"camera {camera.id}", level, reason, action)
         yield Check(f"detector {camera.id}", "ok", f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame")
     except SkyfixError as error:

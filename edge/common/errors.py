@@ -6,7 +6,7 @@
     ├── LensError          a lens model cannot do what was asked of it
     ├── SourceError        a camera, stream or video does not open, or is dead
     ├── ModelError         a detection model does not load, or has a shape we cannot decode
-    ├── GnssError          a receiver cannot be reached or cannot be believed
+    ├── GnssError          a receiver cannot be reached or contradicts itself
     ├── LinkError          the network session cannot be opened
     ├── RecordingError     a recording cannot be written or read
     └── CalibrationError   the observations do not determine what was asked for (calib/errors.py)
@@ -61,7 +61,7 @@ class ModelError(SkyfixError):
 
 
 class GnssError(SkyfixError):
-    """A receiver cannot be reached or cannot be believed."""
+    """A receiver cannot be reached or contradicts itself."""
 
 
 class LinkError(SkyfixError):

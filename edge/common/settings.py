@@ -77,19 +77,19 @@ def _explain(message: str, tree: dict[str, Any], kind: type[msgspec.Struct], whe
     """Our own sentence for msgspec's: the key in full, what is allowed there, and the nearest valid key."""
     at = _AT.search(message)
     path = at["path"] if at else ""
-    said = _AT.sub("", message)
+    fault = _AT.sub("", message)
     if unknown := _UNKNOWN.search(message):
         return _unknown_key(unknown["key"], path, kind, where)
     if missing := _MISSING.search(message):
         key = _join(path, missing["key"])
         wanted = _in_words(_type_at(kind, f"{path}.{missing['key']}"))
         return ConfigError(f"key {key} is missing", where=where, action=f"add it: {wanted}")
-    if named := _NAMED.search(said):
-        path, said = f"{path}.{named['key']}", said[named.end() :]
+    if named := _NAMED.search(fault):
+        path, fault = f"{path}.{named['key']}", fault[named.end() :]
     key = path.lstrip(".") or "(the whole file)"
     value = _value_at(tree, path)
-    fault = f"key {key} = {value!r} is not allowed ({said[:1].lower()}{said[1:]})"
-    return ConfigError(fault, where=where, action=f"give {_in_words(_type_at(kind, path))}")
+    refused = f"key {key} = {value!r} is not allowed ({fault[:1].lower()}{fault[1:]})"
+    return ConfigError(refused, where=where, action=f"give {_in_words(_type_at(kind, path))}")
 
 
 def _in_words(kind: inspect.Type) -> str:

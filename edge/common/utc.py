@@ -57,17 +57,11 @@ class UtcMapping:
         self._history: list[Comparison] = [compare(monotonic_ns, unix_ns)]
         self._stepped: set[int] = set()
         self._steps = 0
-        self._last_step_ns = 0
 
     @property
     def steps(self) -> int:
         """How often UTC has been stepped; goes up for good."""
         return self._steps
-
-    @property
-    def last_step_s(self) -> float:
-        """The last step's size: positive if UTC was set forward."""
-        return self._last_step_ns * 1e-9
 
     def refresh(self) -> Comparison:
         """Compare the clocks once more, and notice a step."""
@@ -95,7 +89,6 @@ class UtcMapping:
             return
         if self._is_step(last, new):
             self._steps += 1
-            self._last_step_ns = new.offset_ns - last.offset_ns
             self._stepped.add(new.monotonic_ns)
         self._history.append(new)
         if len(self._history) > HISTORY:

@@ -35,10 +35,6 @@ class Crop:
         """Length of its side in the frame."""
         return SIDE_PX * self.reduction
 
-    def to_frame(self, xy: Array) -> Array:
-        """Crop pixels `(N, 2)` as frame pixels, both counted from a pixel's centre."""
-        return (xy + 0.5) * self.reduction - 0.5 + (self.left, self.top)
-
 
 def choose(regions: Array, frame_px: tuple[int, int], limit: int) -> list[Crop]:
     """Crops that cover regions `(N, 3)` of u, v, extent, the most important first, at most `limit` of them."""

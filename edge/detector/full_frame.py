@@ -88,8 +88,8 @@ class FullFrame:
         self._model = model
         self._config = config
         self._input = input_spec(model, config.input_size_px)
-        told = config.format != AUTO
-        self._format = MODEL_FORMATS[config.format] if told else recognise(model, self._input.size_px)
+        named = config.format != AUTO
+        self._format = MODEL_FORMATS[config.format] if named else recognise(model, self._input.size_px)
         self._targets_input = next((port.name for port in model.inputs[1:]), None)
         self.colour = self._input.channels == 3
         self.remembers = False

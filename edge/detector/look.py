@@ -3,7 +3,7 @@
 As it is, a thing of one or two pixels is hardly seen. Enlarged it is; but so are single pixels of grain, and an object
 larger than the network knows falls into parts. So only pictures are enlarged that were reduced before they came here,
 as a camera's second stream is: their grain has been averaged away, and in them one pixel is a real thing. And the
-enlarged look is only believed of what is small, is no part of something large seen as it is, and is surer.
+enlarged look only counts for what is small, is no part of something large seen as it is, and is surer.
 """
 
 from typing import Final

@@ -1,7 +1,7 @@
 """Looking closer: the network sees four pixels better than two, even when they hold no more.
 
 Its cells are four pixels wide, and noise is finer than any object; so a thing one or two pixels wide must stand out far
-more than one of four before it is believed. Enlarged twice, smoothly, the same thing is believed as readily as if it
+more than one of four before it is found. Enlarged twice, smoothly, the same thing is found as readily as if it
 were nearer. So is noise of single pixels: edge/detector/look.py says when to do it.
 """
 

@@ -1,7 +1,7 @@
 """Where false tracks keep appearing: a coarse map that learns and forgets.
 
 A lit window or a branch is detected again and again in one place. What was followed for seconds and never went
-anywhere is entered here; a track born in such a place must then go further before it is believed.
+anywhere is entered here; a track born in such a place must then go further before it is confirmed.
 """
 
 from typing import Final

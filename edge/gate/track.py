@@ -138,8 +138,8 @@ class GateTrack:
 
     def sigma_px(self, since_unix_ns: int) -> float:
         """What its detector says of its centres since since_unix_ns, on the average."""
-        said = [row.sigma_px or SIGMA_UNKNOWN_PX for row in self.places if row.t_unix_ns >= since_unix_ns]
-        return sum(said) / len(said)
+        reported = [row.sigma_px or SIGMA_UNKNOWN_PX for row in self.places if row.t_unix_ns >= since_unix_ns]
+        return sum(reported) / len(reported)
 
     def class_scores(self) -> tuple[float, ...]:
         """The vote of all its measurements, normalised where they say anything."""

@@ -1,11 +1,11 @@
-"""The default gating: what is believed is a track that has been seen often enough and has gone somewhere.
+"""Track confirmation: a track is confirmed that has been seen often enough and has gone somewhere.
 
 On a static camera the false detections are static clutter, which any rule of the kind "again within ten pixels"
-confirms. What tells an object from them is net movement; a drone that has moved once and then hovers stays believed.
+confirms. What tells an object from them is net movement; a drone that has moved once and then hovers stays confirmed.
 And the detector is sure of an object in frame after frame, of a leaf only now and then: a track's mean score tells the
 two apart where its best score does not.
 Every limit is in seconds and pixels per second, so that a camera of another frame rate or one that drops frames is
-gated the same way. When a track is believed, what it was seen as before is given too: those were measurements as well.
+gated the same way. When a track is confirmed, what it was seen as before is given too: those were measurements as well.
 """
 
 import itertools
@@ -25,8 +25,8 @@ from edge.gate.track import HISTORY_S, SIGMA_UNKNOWN_PX, GateTrack
 GATE_SIGMAS: Final = 4.0  # innovations beyond this are another object: 1 in 3000 of the true ones, in two dimensions
 SLACK_PX: Final = 2.0  # a box detector's centre wanders by this much without saying so
 WINDOW_SLACK: Final = 1.6  # times confirm_hits frames: 5 hits in 8 frames
-TENTATIVE_GAP_S: Final = 0.3  # an unbelieved track not seen for so long is dropped
-UNMOVED_S: Final = 3.0  # an unbelieved track that has gone nowhere for so long is clutter
+TENTATIVE_GAP_S: Final = 0.3  # a tentative track not seen for so long is dropped
+UNMOVED_S: Final = 3.0  # a tentative track that has gone nowhere for so long is clutter
 # A false track hops among swaying leaves; what flies goes smoothly, as far as its detector can say.
 MOVED_SIGMAS: Final = 6.0  # of the detector's own sigma: net movement that is no jitter
 STEP_SHARE: Final = 0.4  # of the net movement: the most that one step may be, of the four there are at least
@@ -34,14 +34,14 @@ ROUGH_SIGMAS: Final = 1.5  # of the detector's own sigma
 ROUGH_SHARE: Final = 0.04  # of the net movement
 CLUTTER_FACTOR: Final = 4.0  # in a wholly cluttered place a track must move so many times further, and once more
 FLOWN: Final = 4.0  # times moved_min_px from where it began: what went so far once may hover, what did not may not
-CLUTTERED: Final = 0.3  # level of a place in which a believed track may not rest
-SCORE_KEPT: Final = 0.85  # of the score that makes a track believed: the least it must keep up over KEPT_S
+CLUTTERED: Final = 0.3  # level of a place in which a confirmed track may not rest
+SCORE_KEPT: Final = 0.85  # of the score that confirms a track: the least it must keep up over KEPT_S
 KEPT_S: Final = 0.5  # s: a track that lost its object takes doubtful things for it; over 3 s that was 1 row in 30
 KEPT_LOOKS: Final = 8  # at the least, where frames are few: the mean of less is chance
 INSECT_LENGTHS_S: Final = 100.0  # of its own a second: a drone of 35 cm at 35 m/s; faster is an insect near the lens
-WAITING_S: Final = 1.0  # how much of its unbelieved past a track gives when it is believed
+WAITING_S: Final = 1.0  # how much of its tentative past a track gives when it is confirmed
 SIZE_RATIO_MAX: Final = 3.0  # a box three times as large is another object
-STATIC_CROPS: Final = 4  # places of unbelieved, unmoved tracks worth a look a frame: clutter must not eat the budget
+STATIC_CROPS: Final = 4  # places of tentative, unmoved tracks worth a look a frame: clutter must not eat the budget
 
 
 class TrackGate:
@@ -72,7 +72,7 @@ class TrackGate:
         return rows
 
     def _associate(self, t_unix_ns: int, measured: list[TrackRow]) -> list[tuple[GateTrack, TrackRow]]:
-        """The nearest pairs first, believed tracks before others; what is left begins a track of its own."""
+        """Data association: the nearest pairs first, confirmed tracks before others; the rest begin new tracks."""
         pairs = sorted(
             (not self._tracks[i].confirmed, cost, i, k)
             for i, k in self._near(t_unix_ns, measured)
@@ -174,7 +174,7 @@ class TrackGate:
         return track.late_score(KEPT_S, KEPT_LOOKS) < self._score_kept
 
     def _is_clutter(self, track: GateTrack) -> bool:
-        """An old track not believed, hardly seen any more, or that rests among clutter or without having flown far."""
+        """An old track not confirmed, hardly seen any more, or that rests among clutter or without having flown far."""
         if not track.confirmed or track.mean_score(track.places[0].t_unix_ns) < self._score_kept:
             return True
         moved_px, least_px = track.moved_px(track.places[0].t_unix_ns), self._config.moved_min_px
@@ -184,12 +184,12 @@ class TrackGate:
         return cluttered and moved_px < least_px * (1 + CLUTTER_FACTOR)
 
     def expected(self, t_unix_ns: int) -> Array:
-        """Where the tracks should be: believed ones, then those seen twice, of the cluttered ones only a few."""
-        believed = [track for track in self._tracks if track.confirmed]
+        """Where the tracks should be: confirmed ones, then those seen twice, of the cluttered ones only a few."""
+        confirmed = [track for track in self._tracks if track.confirmed]
         others = [track for track in self._tracks if not track.confirmed and len(track.places) > 1]
         others.sort(key=lambda track: (track.clutter, -track.best_score))
         rows = []
-        for track in believed + others[:STATIC_CROPS]:
+        for track in confirmed + others[:STATIC_CROPS]:
             u, v, _ = track.predict(t_unix_ns)
             if 0 <= u < self._size_px[0] and 0 <= v < self._size_px[1]:
                 rows.append((u, v, max(track.last.width_px, track.last.height_px)))

@@ -1,7 +1,7 @@
 """Bytes from a receiver -> whole, checksummed frames, of one protocol or of several that share the line.
 
 The hazard is the byte that lies. A flipped bit turns a `$` into something else, a binary message into a false header
-that claims 8 kB, an unplugged cable glues two halves of different sentences together. So nothing is believed before
+that claims 8 kB, an unplugged cable glues two halves of different sentences together. So nothing is used before
 its checksum, and on any failed check the search resumes one byte after the sync that failed, never behind the length it
 claimed: a false header costs itself and nothing more. A header that keeps claiming bytes which do not come is given up
 after a time, or it would hold back every fix behind it. What no decoder knows is skipped as garbage.

@@ -1,4 +1,4 @@
-"""Which epochs of a receiver may be believed for a survey, and why not the others.
+"""Gating: which epochs of a receiver may be used for a survey, and why not the others.
 
 The hazard is the plausible wrong position. A receiver says "12 mm" in float as in fixed, a checksum of eight bits lets
 one corrupt sentence in a thousand through, a correction stream dies and the position drifts on. So every epoch passes

@@ -73,7 +73,7 @@ class Receiver(OwnThread):
         self._restart = False
 
     def fix(self) -> Fix | None:
-        """The camera's position as averaged so far; None while there is none to be believed (`status` says why)."""
+        """The camera's position as averaged so far; None while there is none fit for use (`status` says why)."""
         with self._changed:
             return self._fix
 

@@ -1,8 +1,8 @@
 """From a receiver's bytes to a surveyed position: framing, decoding, joining, both gates and the average, in order.
 
 Pure: bytes and times are handed in, so a live receiver, a recording and a test run the same code. A session looks at
-the last ten minutes only: longer averaging gains little, and a tripod that was moved is believed again after that. What
-a receiver says while it still converges is dropped, and a minute must pass at rest before it is believed again.
+the last ten minutes only: longer averaging gains little, and a tripod that was moved is accepted again after that. What
+a receiver says while it still converges is dropped, and a minute must pass at rest before it is accepted again.
 """
 
 import datetime as dt

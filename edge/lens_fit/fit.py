@@ -25,7 +25,7 @@ OUTLIER_FLOOR_PX: Final = 0.3  # px: no view as good as this is called an outlie
 MOST_REJECTED: Final = 1 / 3  # of the views: if more are bad, it is the model that is wrong
 FOLDS: Final = 5
 WORTH_IT: Final = 0.98  # a larger model must lower the held-out rms below this share
-COVERAGE_CELLS: Final = (8, 6)  # columns, rows of the coverage map
+COVERAGE_GRID: Final = (8, 6)  # columns, rows of the coverage map
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _cross_validate(
 
 def coverage(views: Sequence[BoardView], size_px: tuple[int, int]) -> Array:
     """How many corners were seen in each part of the image, `(rows, columns)`."""
-    columns, rows = COVERAGE_CELLS
+    columns, rows = COVERAGE_GRID
     corners = np.concatenate([view.image_px for view in views])
     extent = ((0, size_px[1]), (0, size_px[0]))
     counts: Array = np.histogram2d(corners[:, 1], corners[:, 0], bins=(rows, columns), range=extent)[0]

@@ -109,8 +109,8 @@ def certificate_end(file: Path) -> dt.datetime | None:
     try:
         with file.open("rb") as opened:
             heading = opened.read(HEADING_BYTES).decode(errors="replace")
-        told = next(line for line in heading.splitlines() if line.startswith("expires "))
-        end = dt.datetime.fromisoformat(told.removeprefix("expires "))
+        expiry = next(line for line in heading.splitlines() if line.startswith("expires "))
+        end = dt.datetime.fromisoformat(expiry.removeprefix("expires "))
     except (OSError, StopIteration, ValueError):
         return None
     return end if end.tzinfo else end.replace(tzinfo=dt.UTC)

@@ -111,10 +111,10 @@ class LinkSession(OwnThread):
 
     def _note_failure(self, error: Exception) -> None:
         self.open_failures += 1
-        said = _SOURCE_PLACE.sub("", str(error))
-        if self.error != said:
-            log.warning("%s: no session (%s); trying again every %.1f s", self._name, said, REOPEN_S)
-        self.error = said
+        reason = _SOURCE_PLACE.sub("", str(error))
+        if self.error != reason:
+            log.warning("%s: no session (%s); trying again every %.1f s", self._name, reason, REOPEN_S)
+        self.error = reason
 
     def _step(self, session: zenoh.Session) -> bool:
         with self._changed:

@@ -49,7 +49,7 @@ class LogReader:
     def __init__(self) -> None:
         self.refusals = Refusals()
         self._rest = b""
-        self._told: dict[str, float] = {}
+        self._reported_s: dict[str, float] = {}
 
     def read(self, chunk: bytes, now_s: float) -> list[str]:
         """Take in a chunk; returns the sentences worth passing on, each at most once a minute."""
@@ -69,11 +69,11 @@ class LogReader:
 
     def _is_due(self, sentence: str, now_s: float) -> bool:
         kind = _NUMBERS.sub("#", sentence)
-        if now_s - self._told.get(kind, -REPEAT_S) < REPEAT_S:
+        if now_s - self._reported_s.get(kind, -REPEAT_S) < REPEAT_S:
             return False
-        if len(self._told) >= MAX_REASONS:
-            self._told.clear()
-        self._told[kind] = now_s
+        if len(self._reported_s) >= MAX_REASONS:
+            self._reported_s.clear()
+        self._reported_s[kind] = now_s
         return True
 
 

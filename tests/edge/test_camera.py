@@ -11,7 +11,7 @@ from edge.camera import CameraWorker, check_view
 from edge.common.errors import SourceError
 from edge.config import load_box
 from edge.messages import Tracks
-from edge.view import MOVING_LOOKS, Shift, ViewWatch
+from edge.pictures.view import MOVING_LOOKS, Shift, ViewWatch
 from tests.conftest import Until
 from tests.edge.detector.onnx_models import constant_model
 from tests.edge.footage import flight, sky, write_video

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from edge.capture.frame import Picture
 from edge.common.errors import ModelError
 from edge.config import DetectorConfig
-from edge.detector.crops import SIDE_PX, choose, cut
+from edge.detector.crops import SIDE_PX, choose, cut, in_frame
 from edge.detector.detections import Detections, Detector
 from edge.detector.history import History
 from edge.detector.motion import MotionDetector
@@ -191,4 +191,8 @@ def test_crop_coordinates_invert_reduction() -> None:
     assert piece.shape == (SIDE_PX, SIDE_PX)
     v, u = np.indices(piece.shape)
     centre = np.array([[(piece * u).sum(), (piece * v).sum()]]) / piece.sum()
-    assert crop.to_frame(centre)[0] == pytest.approx((301.5, 201.5), abs=1e-6)
+    one = np.ones(1)
+    found = Detections(centre, np.full((1, 2), 1.0), one, one, np.ones((1, 1)))
+    back = in_frame(found, [crop], np.zeros(1, np.intp), (512, 512))
+    assert back.centre_px[0] == pytest.approx((301.5, 201.5), abs=1e-6)
+    assert back.size_px[0] == pytest.approx((4.0, 4.0))

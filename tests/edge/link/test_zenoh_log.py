@@ -36,7 +36,7 @@ def test_says_each_reason_once_a_minute_and_forgets_when_there_are_too_many() ->
     for number in range(MAX_REASONS * 3):
         word = "".join(chr(97 + int(digit)) for digit in str(number)).encode()
         reader.read(b"WARN zenoh_link_tls::unicast: " + word + b"\n", now_s=0.0)
-    assert len(reader._told) <= MAX_REASONS
+    assert len(reader._reported_s) <= MAX_REASONS
 
 
 @given(st.binary(max_size=300))

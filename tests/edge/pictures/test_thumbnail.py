@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edge.thumbnail import THUMBNAIL_WIDTH_PX, focus_score, thumbnail
+from edge.pictures.thumbnail import THUMBNAIL_WIDTH_PX, focus_score, thumbnail
 
 
 @pytest.mark.parametrize("shape", [(2160, 3840, 3), (720, 1280), (120, 160, 3), (2000, 10)])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from edge.capture.frame import Picture
-from edge.view import ViewWatch
+from edge.pictures.view import ViewWatch
 
 SIZE = (960, 540)
 STEP_NS = 500_000_000

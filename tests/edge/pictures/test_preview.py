@@ -10,7 +10,7 @@ import pytest
 from edge.capture.frame import Picture
 from edge.common.errors import ConfigError
 from edge.gate import TrackRow
-from edge.preview import Preview, draw
+from edge.pictures.preview import Preview, draw
 
 FRAME = Picture(10**18, np.full((1080, 1920), 90, np.uint8), "file")
 ROWS = [TrackRow(10**18, 3, 959.5, 539.5, 20.0, 10.0, 0.9, "confirmed")]

@@ -25,7 +25,7 @@ def test_fault_keeps_the_instant_it_began_while_its_reason_changes() -> None:
 
 
 def test_flicker_does_not_clear_a_fault() -> None:
-    board = HealthBoard(epoch=1, clear_after_s=3)
+    board = HealthBoard(epoch=1)
     good, bad = Check("a", "ok", "fine"), Check("a", "warn", "late")
     levels = []
     for k, check in enumerate([bad, good, bad, good, good, good, good]):
