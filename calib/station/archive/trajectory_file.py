@@ -1,4 +1,4 @@
-"""trajectory.csv: where the objects were, in every frame that somebody may want it in (DESIGN section 3).
+"""trajectory.csv: where the objects were, in every frame that somebody may want it in (deploy/CONTRACTS.md).
 
 The hazard is a file of numbers that nobody can place a year later. So a line above the header says about which origin
 its local frame is, which program wrote it, and from what. No time of writing: the same input gives the same bytes.

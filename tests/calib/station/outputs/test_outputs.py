@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 from calib.station.core.calibration import Phase
-from calib.station.core.outgoing import Border, OutgoingTarget
+from calib.station.core.outgoing import OutgoingTarget, TargetExport
 from calib.station.core.station import UNASKED_HZ
 from calib.station.outputs.guarded import FAULT_RECENT_NS, GuardedOutput
 from calib.station.outputs.output import StationStanding
@@ -121,7 +121,7 @@ def test_what_a_thread_sends_is_recorded_by_the_loop(until: Until) -> None:
     def record(endpoint: str, frame: bytes) -> None:
         recorded.append((endpoint, frame, threading.current_thread().name))
 
-    targets: list[OutgoingTarget] = Border(["cam0"], 2).cross([], ORIGIN)
+    targets: list[OutgoingTarget] = TargetExport(["cam0"], 2).to_wgs84([], ORIGIN)
     with ThreadedOutput("own", open_one, record) as output:
         output.targets([*targets, None], 0, True)  # type: ignore[list-item]
 

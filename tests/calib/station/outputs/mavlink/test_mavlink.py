@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common
 
 from calib.geodesy import enu_to_geodetic
 from calib.station.config import EndpointSection, MavlinkSection
-from calib.station.core.outgoing import Border, OutgoingTarget
+from calib.station.core.outgoing import OutgoingTarget, TargetExport
 from calib.station.outputs.mavlink import messages as mavlink
 from calib.station.outputs.mavlink.codec import TICKS_PER_S, Codec, Streams, read_key, ticks
 from calib.station.outputs.mavlink.messages import MavlinkContext, TrackerStatus
@@ -40,7 +40,7 @@ def target(**changes: object) -> OutgoingTarget:
         age_s=0.25,
         quality=1.0,
     )
-    sent = Border(["cam0", "cam1", "cam2"], 2).cross([replace(estimate, **changes)], ORIGIN)  # type: ignore[arg-type]
+    sent = TargetExport(["cam0", "cam1", "cam2"], 2).to_wgs84([replace(estimate, **changes)], ORIGIN)  # type: ignore[arg-type]
     return sent[0]
 
 
@@ -133,10 +133,10 @@ def test_lost_is_said_three_times_and_then_nothing() -> None:
     ids=["nan", "infinite", "not a covariance", "useless", "elsewhere"],
 )
 def test_what_is_no_position_never_leaves(broken: dict[str, object]) -> None:
-    border = Border(["cam0"], 2)
+    export = TargetExport(["cam0"], 2)
     with pytest.raises(IndexError):
         target(**broken)
-    assert border.refused == 0
+    assert export.refused == 0
 
 
 @given(
