@@ -4,15 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from onnx import TensorProto
 
 from edge.capture.frame import Picture
 from edge.common.errors import ConfigError, ModelError
 from edge.config import DetectorConfig
 from edge.detector.detections import Detections
-from edge.detector.letterbox import Letterbox
 from edge.detector.opening import open_detector
 from tests.edge.detector.onnx_models import constant_model
 
@@ -174,19 +171,3 @@ def test_tiles_find_the_same_object_once(tmp_path: Path) -> None:
     found = detect(constant_model(tmp_path / "m.onnx", outputs), tiles=True)
     assert len(found) == 6  # three tiles across, two down, each with its own object in its middle
     assert found.centre_px[:, 0].max() == pytest.approx(1280 - 640 + 319.5)
-
-
-@given(
-    frame=st.tuples(st.integers(16, 4000), st.integers(16, 4000)),
-    size=st.tuples(st.integers(32, 1300), st.integers(32, 1300)),
-    at=st.tuples(st.floats(0, 1), st.floats(0, 1)),
-)
-def test_letterbox_inverts_itself(frame: tuple[int, int], size: tuple[int, int], at: tuple[float, float]) -> None:
-    box = Letterbox(frame, size)
-    if min(box.inner_px) < 1:
-        return
-    share = np.array([at])
-    corner = share * box.inner_px + box.offset_px
-    assert box.to_frame_px(corner)[0] == pytest.approx(np.array(at) * frame - 0.5, abs=1e-6 * max(frame))
-    assert box.inner_px[0] <= size[0]
-    assert box.inner_px[1] <= size[1]

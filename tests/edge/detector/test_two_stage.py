@@ -4,16 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from edge.capture.frame import Picture
 from edge.common.errors import ModelError
 from edge.config import DetectorConfig
-from edge.detector.crops import SIDE_PX, choose, cut, in_frame
 from edge.detector.detections import Detections, Detector
-from edge.detector.history import History
-from edge.detector.motion import MotionDetector
 from edge.detector.opening import open_detector
 from tests.edge.detector.onnx_models import constant_model
 from tests.edge.footage import flight, sky
@@ -120,79 +115,3 @@ def test_model_that_breaks_its_promise_is_named(tmp_path: Path) -> None:
     path = constant_model(tmp_path / "n.onnx", outputs, notes={"skyfix": "no json"})
     with pytest.raises(ModelError, match="not JSON"):
         detector(path)
-
-
-def test_past_is_found_by_time_not_by_index() -> None:
-    history = History((0.1, 0.2))
-    for k, t_ms in enumerate([0, 20, 45, 110, 140, 190, 230]):
-        history.push(Picture(T0 + t_ms * 10**6, np.full((2, 2), k, np.uint8), "file"))
-    assert [int(image[0, 0]) for image in history.past()] == [4, 1]  # 140 for 130, 20 for 30
-
-
-def test_gap_and_step_back_forget_the_past() -> None:
-    history = History((0.1, 0.2))
-    image = np.zeros((2, 2), np.uint8)
-    assert [history.push(Picture(T0 + t, image, "file")) for t in (0, 10**8, 3 * 10**9, 2 * 10**9)] == [
-        False,
-        False,
-        True,
-        True,
-    ]
-
-
-def test_motion_learns_what_always_moves_and_still_sees_what_is_new() -> None:
-    rng = np.random.default_rng(6)
-    motion = MotionDetector()
-    images = []
-    for k in range(200):
-        image = sky(SIZE, [(40 + 60 * (k - 180) / 30, 60.0)] if k >= 180 else [], rng)
-        image[150:] = rng.integers(0, 255, (90, 320), np.uint8)  # a wood in a gale
-        images.append(image)
-        if k >= 6:
-            blobs = motion.propose(image, [images[-4], images[-7]], 1 / 30)
-    assert len(blobs.strength)
-    assert blobs.centre_px[0] == pytest.approx((40 + 60 * 19 / 30, 60.0), abs=4)
-    assert np.all(blobs.centre_px[:, 1] < 150) or np.mean(blobs.centre_px[:, 1] < 150) > 0.5
-
-
-def test_everything_moving_proposes_nothing() -> None:
-    rng = np.random.default_rng(6)
-    motion = MotionDetector()
-    still = sky(SIZE, [], rng)
-    motion.propose(still, [still, still], 0.03)
-    blobs = motion.propose(rng.integers(0, 255, still.shape, np.uint8), [still, still], 0.03)
-    assert blobs.share > 0.5
-    assert not len(blobs.strength)
-
-
-@given(
-    u=st.floats(-20, 1940),
-    v=st.floats(-20, 1100),
-    extent=st.floats(1, 300),
-    size=st.tuples(st.integers(64, 1920), st.integers(64, 1080)),
-)
-def test_crops_lie_in_the_frame_and_hold_their_region(u: float, v: float, extent: float, size: tuple[int, int]) -> None:
-    (crop,) = choose(np.array([[u, v, extent]]), size, 4)
-    assert crop.left >= 0
-    assert crop.top >= 0
-    for at, low, length in ((u, crop.left, size[0]), (v, crop.top, size[1])):
-        if crop.side_px <= length:
-            assert low + crop.side_px <= length
-        if 0 <= at <= length - 1:
-            assert low <= at <= low + crop.side_px
-
-
-def test_crop_coordinates_invert_reduction() -> None:
-    image = np.zeros((512, 512), np.uint8)
-    image[200:204, 300:304] = 255  # centre at 301.5, 201.5
-    (crop,) = choose(np.array([[301.5, 201.5, 100.0]]), (512, 512), 1)
-    assert crop.reduction == 4
-    piece = cut([image], [crop])[0, :, :, 0].astype(float)
-    assert piece.shape == (SIDE_PX, SIDE_PX)
-    v, u = np.indices(piece.shape)
-    centre = np.array([[(piece * u).sum(), (piece * v).sum()]]) / piece.sum()
-    one = np.ones(1)
-    found = Detections(centre, np.full((1, 2), 1.0), one, one, np.ones((1, 1)))
-    back = in_frame(found, [crop], np.zeros(1, np.intp), (512, 512))
-    assert back.centre_px[0] == pytest.approx((301.5, 201.5), abs=1e-6)
-    assert back.size_px[0] == pytest.approx((4.0, 4.0))

@@ -1,4 +1,4 @@
-"""The default gating: what flies is believed, what sways is not, numbers last through gaps, at any frame rate."""
+"""The default gating: what flies is confirmed, what sways is not, numbers last through gaps, at any frame rate."""
 
 import numpy as np
 import pytest
@@ -37,10 +37,10 @@ def flying(count: int, fps: float = 30.0, speed: float = 90.0, seed: int = 1) ->
 
 
 @pytest.mark.parametrize("fps", [5.0, 10.0, 30.0, 120.0])
-def test_what_flies_is_believed_at_any_frame_rate(fps: float) -> None:
+def test_what_flies_is_confirmed_at_any_frame_rate(fps: float) -> None:
     frames = flying(round(4 * fps), fps)
     rows = run(frames, fps)
-    # Once believed, all of the last second before is given too: nothing is lost but what came before that.
+    # Once confirmed, all of the last second before is given too: nothing is lost but what came before that.
     assert len(rows) >= len(frames) - max(2, 0.2 * fps)
     assert {row.track for row in rows} == {rows[0].track}
     assert {row.status for row in rows} == {"confirmed"}
@@ -72,7 +72,7 @@ def test_static_clutter_is_not() -> None:
     assert run([np.array([[500.0, 500.0]]) + rng.normal(0, 0.5, (1, 2)) for _ in range(600)]) == []
 
 
-def test_hover_after_flight_stays_believed() -> None:
+def test_hover_after_flight_stays_confirmed() -> None:
     frames = flying(45)
     last = frames[-1]
     rng = np.random.default_rng(2)
@@ -121,11 +121,11 @@ def test_crossing_objects_keep_their_numbers() -> None:
         assert np.all(np.diff(u) * direction > 0)
 
 
-def test_doubtful_scores_alone_are_not_believed() -> None:
+def test_doubtful_scores_alone_are_not_confirmed() -> None:
     assert run(flying(60), score=0.3) == []
 
 
-def test_one_good_look_among_doubtful_ones_is_not_believed() -> None:
+def test_one_good_look_among_doubtful_ones_is_not_confirmed() -> None:
     gate = TrackGate(SIZE, GateConfig(), USUAL)
     rows = [
         row
@@ -170,17 +170,17 @@ def test_a_drone_that_hovers_is_the_same_after_a_moment_of_doubt(fps: float) -> 
         rows += gate.step(T0 + round(k / fps * 1e9), found(place, 0.3 if doubtful else 0.7))
     assert len({row.track for row in rows}) == 1
     assert (rows[-1].t_unix_ns - T0) / 1e9 > 11.5
-    assert len(rows) > 9 * fps  # 2 s to be believed or in doubt
+    assert len(rows) > 9 * fps  # 2 s to be confirmed or in doubt
 
 
-@pytest.mark.parametrize(("size_px", "believed"), [(3.0, False), (12.0, True)])
-def test_what_is_small_and_very_fast_is_an_insect(size_px: float, believed: bool) -> None:
+@pytest.mark.parametrize(("size_px", "confirmed"), [(3.0, False), (12.0, True)])
+def test_what_is_small_and_very_fast_is_an_insect(size_px: float, confirmed: bool) -> None:
     gate, rows = TrackGate(SIZE, GateConfig(), USUAL), []
     for k, places in enumerate(flying(60, speed=400.0)):
         one = found(places)
         one = Detections(one.centre_px, np.full((1, 2), size_px), one.score, one.sigma_px, one.classes)
         rows += gate.step(T0 + round(k / 30 * 1e9), one)
-    assert bool(rows) == believed
+    assert bool(rows) == confirmed
 
 
 def test_class_is_voted_along_the_track() -> None:
