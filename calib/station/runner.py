@@ -23,8 +23,8 @@ from calib.station.core.station import Station, Tick
 from calib.station.core.surveyed_site import SurveyedSite
 from calib.station.display import open_display
 from calib.station.latency import Latencies
+from calib.station.orders import Orders
 from calib.station.outputs.registry import OutputHost, open_outputs
-from calib.station.page.wire import OperatorCommand
 from calib.station.standing import LoopWatch, disk_checks, fault_of, standing_of, synced
 from calib.station.status.snapshot import StationView, snapshot
 from calib.station.status.status import StationStatus
@@ -63,6 +63,7 @@ class Runner:
         host = OutputHost(config.site, folder, state, self._record_own, self._keep_signing_ticks)
         self.outputs = open_outputs(config, host, stack)
         self.station = Station(config, cameras, state, self.outputs.rate_hz)
+        self.orders = Orders(self.station, self.worker, self.recording)
         self.boxes = Boxes(config.link, site, state_folder / "ledger.json", stack)
         self.display = open_display(config, folder, self.boxes.link, stack)
         self.latencies = Latencies()
@@ -88,8 +89,11 @@ class Runner:
             self._take_solution(done, now_ns)
         if self.station.calibration.network is not self._in_force:
             self._adopted(now_ns)
-        self.outputs.receive(now_ns, self.station.now_unix_ns(now_ns), self._command)
-        self._attend()
+        self.outputs.receive(now_ns, self.station.now_unix_ns(now_ns), self.orders.command)
+        for command in self.display.commands():
+            self.orders.obey(command)
+        if self.station.health is not None and self.display.due():
+            self.display.show(self.status())
         self.boxes.pause_backfill(not self.recording.on)
         return tick.slow
 
@@ -169,30 +173,6 @@ class Runner:
 
     def _keep_signing_ticks(self, ticks: int) -> None:
         self._signing_ticks = max(self._signing_ticks, ticks)
-
-    # What is wanted
-
-    def _command(self, wanted: str) -> bool:
-        if wanted != "calibrate" or self.worker.busy:
-            return False
-        self.station.calibration.ask()
-        return True
-
-    def _attend(self) -> None:
-        for command in self.display.commands():
-            self._obey(command)
-        if self.station.health is not None and self.display.due():
-            self.display.show(self.status())
-
-    def _obey(self, command: OperatorCommand) -> None:
-        log.info("the operator: %s %s", command.do, command.camera)
-        if command.do == "calibrate":
-            self._command("calibrate")
-        elif command.do in ("record", "stop"):
-            self.recording.switch(command.do == "record")
-        elif command.camera in self.station.intake.cameras:
-            muted = self.station.muted
-            (muted.add if command.do == "mute" else muted.discard)(command.camera)
 
     # How it is
 
