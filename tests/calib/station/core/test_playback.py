@@ -107,6 +107,7 @@ DIFFERENCES: dict[str, tuple[Change, int, bool]] = {
     "nothing": (lambda sent: iter([sent]), 60, True),
     "a fix that is not fixed": (on_state("cam0", "fix", Fix, quality=5), 60, False),
     "a fix that claims a millimetre": (on_state("cam0", "fix", Fix, sigma_m=(0.001, 0.001, 0.001)), 60, True),
+    "a fix of the antenna": (on_state("cam0", "fix", Fix, of="antenna"), 60, True),
     "a pixel 7 % outside": (on_tracks("cam0", lambda t: reaching_out(t, 0.07)), 60, True),
     "a pixel 4 % outside": (on_tracks("cam0", lambda t: reaching_out(t, 0.04)), 120, True),
     "frames of another resolution": (on_tracks("cam0", lambda t: at(t, MIDDLE, size_px=(1280, 720))), 30, True),
