@@ -1,6 +1,5 @@
 """What tests of several rooms share."""
 
-import socket
 import time
 from collections.abc import Callable
 
@@ -8,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from tests.foreign import missing, required
+from tools.doubles.ports import free_endpoint
 
 # The machine is shared: slowness is not a failure. The first text drawn builds Unicode tables for seconds.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True)
@@ -32,9 +32,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 @pytest.fixture
 def endpoint() -> str:
     """A Zenoh endpoint on loopback that nobody listens on yet."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return free_endpoint()
 
 
 @pytest.fixture

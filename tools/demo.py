@@ -26,11 +26,12 @@ from calib.simulation.simulation import Watched, watch
 from calib.station.archive.scene_file import load, located
 from edge.common.errors import SkyfixError
 from tools.demonstration import picture, site
-from tools.demonstration.listener import Listener
 from tools.demonstration.processes import Program, Programs
-from tools.demonstration.receivers import Receivers
+from tools.demonstration.receivers import receivers
 from tools.demonstration.score import PASS_M, Score, errors_m, followed_m, score
 from tools.demonstration.screen import Screen, View
+from tools.doubles.listener import Listener
+from tools.doubles.ports import free_port
 from tools.render import render
 
 SCENE: Final = located("demo")
@@ -65,14 +66,14 @@ def demonstrate(scene: Simulation, folder: Path, *, reuse_video: bool) -> tuple[
     watched = watch(scene)
     videos = _videos(scene, folder / "video", reuse=reuse_video)
     with ExitStack() as stack:
-        listener = stack.enter_context(Listener(folder))
+        listener = stack.enter_context(Listener())
         antennas = [site.antenna_enu(camera) for camera in scene.camera]
-        receivers = stack.enter_context(Receivers(antennas, scene.origin, scene.seed))
+        devices = stack.enter_context(receivers(antennas, scene.origin, scene.seed))
         programs = stack.enter_context(Programs(folder / "log"))
         start_unix_ns = time.time_ns() + round(SETTLE_S * 1e9)
-        ports = site.Ports(site.free_port(), listener.port, site.free_port())
+        ports = site.Ports(free_port(), listener.port, free_port())
         running = Site(scene, watched, folder, ports, listener, start_unix_ns)
-        base, boxes = _start(running, programs, videos, receivers.devices)
+        base, boxes = _start(running, programs, videos, devices)
         print(f"started base-station and {len(boxes)} edge-node; logs in {folder / 'log'}")
         _watch(running, programs, boxes)
         base.stop()
@@ -81,7 +82,7 @@ def demonstrate(scene: Simulation, folder: Path, *, reuse_video: bool) -> tuple[
         if listener.positions:
             picture.draw(watched, folder, listener.positions, start_unix_ns)
         result = score(listener.positions, watched.flights, start_unix_ns, scene.origin)
-        return result, listener.messages
+        return result, dict(listener.counts)
 
 
 def _empty(folder: Path, but: str) -> None:

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from edge.common.errors import SkyfixError
-from tools.scoring.detections import FALSE_RATES, Boxes, Scores, evaluate, no_boxes, together
+from tools.detection_scores import FALSE_RATES, Boxes, Scores, evaluate, no_boxes, together
+from tools.train.footage import first_number
 
 COLUMNS = ("frame", "x_px", "y_px", "width_px", "height_px")
 
@@ -46,6 +47,12 @@ def read_all(path: Path) -> dict[str, Boxes]:
     if not found:
         raise SkyfixError("holds no CSV file", where=str(path), action="give a table of boxes or a folder of them")
     return found
+
+
+def from_zero(boxes: Boxes, frames: int) -> Boxes:
+    """Labels of a clip of so many frames, counted from 0 whatever their table counts from."""
+    number = boxes.frame - first_number(boxes.frame.tolist(), frames)
+    return Boxes(number[number >= 0], boxes.box_px[number >= 0], boxes.score[number >= 0])
 
 
 def score(truth: dict[str, Boxes], found: dict[str, Boxes], frames: dict[str, int]) -> Scores:

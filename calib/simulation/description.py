@@ -21,12 +21,30 @@ Fraction = Annotated[float, Meta(ge=0, le=1)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
 
+class Roam(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Flies at random: accelerations of one sigma `sigma_m_s2` an axis that last `tau_s`, and a pull to `home_enu`.
+
+    It starts anywhere within `spread_m` of home, at a velocity of one sigma `speed_m_s` an axis. The defaults are a
+    drone that somebody flies by hand.
+    """
+
+    home_enu: Metres3
+    spread_m: tuple[NotNegative, NotNegative, NotNegative] = (40.0, 40.0, 25.0)
+    speed_m_s: NotNegative = 4.0
+    sigma_m_s2: NotNegative = 2.0
+    tau_s: Annotated[float, Meta(ge=0.1, le=1e3)] = 1.5
+
+
 class ObjectSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Something that flies: a cubic spline through waypoints, `step_s` apart (or at `times_s`), at rest nowhere."""
+    """Something that flies: a cubic spline through waypoints, `step_s` apart (or at `times_s`), at rest nowhere.
+
+    With `roam` in place of waypoints it flies at random, another way with each seed of the scene.
+    """
 
     name: Name = "drone"
     kind: Literal["drone", "bird", "aeroplane", "helicopter"] = "drone"
-    waypoints_enu: Annotated[tuple[Metres3, ...], Meta(min_length=2)]
+    waypoints_enu: Annotated[tuple[Metres3, ...], Meta(min_length=2)] = ()
+    roam: Roam | None = None
     step_s: Positive = 1.0
     times_s: tuple[float, ...] | None = None
     start_s: float = 0.0
@@ -116,6 +134,7 @@ class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     dropout_length_s: NotNegative = 0.0  # mean length of a miss; 0: frame by frame
     clutter_per_frame: Annotated[float, Meta(ge=0, le=100)] = 0.0
     numbered: bool = True  # False: all track numbers 0
+    track_gap_s: Positive = 2.0  # unseen for longer, an object is a new track to the detector, as to a real one
     blind: tuple[Blind, ...] = ()
 
 
@@ -129,7 +148,7 @@ class Weather(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class Simulation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A whole scene. `duration_s`: None as long as the longest flight."""
+    """A whole scene. `duration_s`: None as long as the longest flight through waypoints."""
 
     name: Name = "simulated"
     seed: Annotated[int, Meta(ge=0)]
@@ -137,6 +156,6 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     start_unix_ns: Annotated[int, Meta(ge=10**18, le=4 * 10**18)] = 1_780_000_000 * 10**9
     duration_s: Positive | None = None
     truth_rate_hz: Positive = 20.0
-    object: Annotated[tuple[ObjectSpec, ...], Meta(min_length=1)]
+    object: tuple[ObjectSpec, ...]  # none: the cameras see clutter at most
     camera: Annotated[tuple[CameraSpec, ...], Meta(min_length=1)]
     weather: Weather = Weather()

@@ -31,8 +31,10 @@ class ObjectFlight:
 
 
 def flight(thing: ObjectSpec) -> ObjectFlight:
-    """The flight an object's description asks for. Raises ConfigError if its times are not one for each waypoint."""
+    """The flight through an object's waypoints. Raises ConfigError if it has none, or not one time for each."""
     count = len(thing.waypoints_enu)
+    if count < 2:
+        raise ConfigError("flies nowhere", where=f"object {thing.name}", action="give `waypoints_enu` or `roam`")
     times: Array = np.array(thing.times_s or np.arange(count) * thing.step_s, float)
     if len(times) != count or np.any(np.diff(times) <= 0):
         raise ConfigError(

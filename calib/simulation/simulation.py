@@ -18,10 +18,10 @@ from calib.simulation import errors
 from calib.simulation.camera import TrueCamera, TrueSighting, true_camera
 from calib.simulation.description import Simulation
 from calib.simulation.flight import ObjectFlight, flight
+from calib.simulation.roaming import roam
 from edge.common.arrays import Array
+from edge.common.errors import ConfigError
 
-# A gap longer than this ends a track: the next sight of the object gets a new number, as from a real tracker.
-TRACK_GAP_S = 2.0
 # A sigma of zero would make the survey infinitely heavy: what a perfect survey is published as.
 SMALLEST_SURVEY_SIGMA_M = 1e-3
 
@@ -37,18 +37,19 @@ class Stream(IntEnum):
     LENS = 5
     FRAMES = 6
     OUTLIER = 7
+    ROAM = 8  # of an object, not of a camera
 
 
 @dataclass(frozen=True)
 class ErrorStreams:
-    """The random streams of one camera in one trial, each fresh whenever it is asked for."""
+    """The random streams of one camera (or object) in one trial, each fresh whenever it is asked for."""
 
     seed: int
     trial: int
-    camera: int
+    number: int
 
     def __getitem__(self, stream: Stream) -> np.random.Generator:
-        entropy = (self.seed, self.trial, self.camera, int(stream))
+        entropy = (self.seed, self.trial, self.number, int(stream))
         return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))
 
 
@@ -80,12 +81,16 @@ class Rows:
 
 @dataclass(frozen=True)
 class Simulated:
-    """One trial: what is believed and seen (`scene`), and what is true (`network`, `flights`, `rows`)."""
+    """One trial: what is believed and seen (`scene`), and what is true (`network`, `flights`, `rows`).
+
+    frames_unix_ns: per camera the stamps (F,) of all frames that arrive, also of those that show nothing.
+    """
 
     scene: Scene
     network: Network
     flights: tuple[ObjectFlight, ...]
     rows: dict[str, Rows] = field(default_factory=dict)
+    frames_unix_ns: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     start_unix_ns: int = 0
     duration_s: float = 0.0
 
@@ -101,7 +106,7 @@ def simulate(simulation: Simulation, trial: int = 0) -> Simulated:
 
 def watch(simulation: Simulation) -> Watched:
     """What all cameras would see without any error."""
-    flights = tuple(flight(thing) for thing in simulation.object)
+    flights = _flights(simulation)
     duration = simulation.duration_s or max(float(path.times_s[-1]) for path in flights)
     cameras = tuple(true_camera(camera, duration / 2) for camera in simulation.camera)
     stamps = tuple(camera.stamps_ns(duration) for camera in cameras)
@@ -109,6 +114,20 @@ def watch(simulation: Simulation) -> Watched:
         tuple(camera.watch(path, at) for path in flights) for camera, at in zip(cameras, stamps, strict=True)
     )
     return Watched(simulation, flights, cameras, stamps, sightings, duration)
+
+
+def _flights(simulation: Simulation) -> tuple[ObjectFlight, ...]:
+    """The path of every object: through its waypoints, or roaming for as long as the scene lasts."""
+    ends = bool(simulation.object) and all(thing.waypoints_enu for thing in simulation.object)
+    if simulation.duration_s is None and not ends:
+        raise ConfigError(
+            "no waypoint says when the scene ends", where=f"scene {simulation.name}", action="give duration_s"
+        )
+    streams = (ErrorStreams(simulation.seed, 0, number)[Stream.ROAM] for number in range(len(simulation.object)))
+    return tuple(
+        flight(thing) if thing.roam is None else roam(thing, simulation.duration_s or 0.0, stream)
+        for thing, stream in zip(simulation.object, streams, strict=True)
+    )
 
 
 def disturb(watched: Watched, trial: int = 0) -> Simulated:
@@ -124,26 +143,36 @@ def disturb(watched: Watched, trial: int = 0) -> Simulated:
     }
     return Simulated(
         scene=Scene(simulation.name, simulation.origin, site_cameras, observations),
-        network=_truth(watched),
+        network=true_network(watched),
         flights=watched.flights,
         rows=rows,
+        frames_unix_ns={
+            camera.description.id: watched.stamps_ns[stream.number][_arriving(watched, stream)]
+            + simulation.start_unix_ns
+            for camera, stream in zip(watched.cameras, streams, strict=True)
+        },
         start_unix_ns=simulation.start_unix_ns,
         duration_s=watched.duration_s,
     )
 
 
+def _arriving(watched: Watched, rng: ErrorStreams) -> NDArray[np.bool_]:
+    """(F,) which frames of a camera arrive at all."""
+    return errors.delivered(watched.cameras[rng.number], watched.stamps_ns[rng.number], rng[Stream.FRAMES])
+
+
 def _report(watched: Watched, rng: ErrorStreams) -> Rows:
     """All rows of one camera: every object's noisy pixels, and the clutter."""
-    simulation, camera = watched.simulation, watched.cameras[rng.camera]
-    stamps, sightings = watched.stamps_ns[rng.camera], watched.sightings[rng.camera]
-    delivered = errors.delivered(camera, stamps, rng[Stream.FRAMES])
+    simulation, camera = watched.simulation, watched.cameras[rng.number]
+    stamps, sightings = watched.stamps_ns[rng.number], watched.sightings[rng.number]
+    delivered = _arriving(watched, rng)
     noise, drift, dropout = rng[Stream.NOISE], rng[Stream.DRIFT], rng[Stream.DROPOUT]
-    parts = []
+    parts = [_clutter(camera, stamps[:0], rng[Stream.CLUTTER])]  # no row, for a scene of nothing but clutter
     for source, (path, sighting) in enumerate(zip(watched.flights, sightings, strict=True), start=1):
         pixels = sighting.pixels + errors.noise(camera, len(stamps), noise) + errors.drift(camera, len(stamps), drift)
         seen = delivered & np.isfinite(pixels[:, 0]) & ~errors.missed(camera, len(stamps), dropout)
         size = np.outer(1 / sighting.depth_m[seen], (path.object.width_m, path.object.height_m))
-        track = _numbers(stamps[seen], source, len(watched.flights))
+        track = _numbers(stamps[seen], source, len(watched.flights), camera.description.track_gap_s)
         shown = np.full(len(track), source)
         parts.append(Rows(stamps[seen], pixels[seen], track, shown, size * camera.lens.intrinsics[:2]))
     outlying = _with_outliers(_joined(parts), camera, rng[Stream.OUTLIER])
@@ -152,9 +181,9 @@ def _report(watched: Watched, rng: ErrorStreams) -> Rows:
     return replace(everything, t_unix_ns=everything.t_unix_ns + simulation.start_unix_ns, track=track)
 
 
-def _numbers(stamps_ns: NDArray[np.int64], source: int, objects: int) -> NDArray[np.int64]:
+def _numbers(stamps_ns: NDArray[np.int64], source: int, objects: int, gap_s: float) -> NDArray[np.int64]:
     """(N,) track numbers: a new one after each long gap, never one that another object has."""
-    piece = np.cumsum(np.diff(stamps_ns, prepend=stamps_ns[:1]) > TRACK_GAP_S * 1e9)
+    piece = np.cumsum(np.diff(stamps_ns, prepend=stamps_ns[:1]) > gap_s * 1e9)
     numbers: NDArray[np.int64] = source + piece * objects
     return numbers
 
@@ -220,7 +249,7 @@ def _published(camera: TrueCamera, rng: ErrorStreams) -> SiteCamera:
     )
 
 
-def _truth(watched: Watched) -> Network:
+def true_network(watched: Watched) -> Network:
     """The true network at the scene's start, before any knock or clock step; its covariance is zero."""
     cameras = tuple(
         Camera(

@@ -1,8 +1,6 @@
 """One bad day of a site in namespaces, lived through once, for all the tests that look at it."""
 
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,22 +9,16 @@ import pytest
 
 from tools.doubles.air import Air, possible
 from tools.doubles.heard import Row, live_again_after
-from tools.doubles.site import ROOT, Made, Site
+from tools.doubles.site import CAMERAS, PATIENCE_S, Made, Site, demo_flight, wait
 
-CAMERAS = ("cam0", "cam1", "cam2")
 CUT_S = 5.0
 FETCHED_WITHIN_S = 30.0  # two inventories and ten answers, each with its rest, take about 5 s, longer on a busy machine
-STARTS_WITHIN_S = 60.0  # the base's imports alone take seconds on a busy machine
 
 
 @pytest.fixture(scope="session")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo's flight as a track folder."""
-    folder = tmp_path_factory.mktemp("flight") / "demo"
-    subprocess.run(
-        [sys.executable, "-m", "calib.station.app", "simulate", "demo", "-o", str(folder)], check=True, cwd=ROOT
-    )
-    return folder
+    return demo_flight(tmp_path_factory.mktemp("flight") / "demo")
 
 
 @dataclass
@@ -55,9 +47,7 @@ def bad_day(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> BadDay:
     with Air("base", *CAMERAS) as air:
         site = Site(air, tmp_path_factory.mktemp("site"), flight)
         try:
-            for host in ("base", *CAMERAS):
-                site.start(host)
-            _wait(lambda: {row.camera for row in site.recorded()} == set(CAMERAS), STARTS_WITHIN_S)
+            site.settle()
             _live(day, site)
             day.shutdown_s = site.stop()
         finally:
@@ -68,13 +58,12 @@ def bad_day(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> BadDay:
 
 
 def _live(day: BadDay, site: Site) -> None:
-    time.sleep(1.0)
     day.settled_unix_s = time.time()
     site.air.set(cut=("cam1",))
     time.sleep(CUT_S)
     day.restored_unix_s = time.time()
     site.air.set()
-    _wait(lambda: live_again_after(site.recorded(), "cam1", day.restored_unix_s) < float("inf"), 10.0)
+    wait(lambda: live_again_after(site.recorded(), "cam1", day.restored_unix_s) < float("inf"), 10.0)
     time.sleep(1.0)
     site.air.set(loss=0.05, delay_s=0.05, jitter_s=0.02)
     begun = time.time()
@@ -89,20 +78,14 @@ def _live(day: BadDay, site: Site) -> None:
     # How much of the cut has come by now is chance: it hangs on when the base asked for inventories, and a question
     # that was open when the base froze costs two seconds of rest. What is judged is that all of it comes.
     day.made_in_cut = site.made_between(day.settled_unix_s, day.restored_unix_s, "cam1")
-    _wait(lambda: not site.lost(day.made_in_cut), FETCHED_WITHIN_S)
+    wait(lambda: not site.lost(day.made_in_cut), FETCHED_WITHIN_S)
     day.killed_unix_s = time.time()
     for host in ("cam2", "base"):
         site.kill(host)
         time.sleep(0.3)
         site.start(host)
     started_ns = time.time_ns()
-    _wait(lambda: set(CAMERAS) <= site.heard.live_since(started_ns), STARTS_WITHIN_S)
+    wait(lambda: set(CAMERAS) <= site.heard.live_since(started_ns), PATIENCE_S)
     time.sleep(1.0)  # what was made until the base heard again is no end of a run now
     made = site.made()
-    _wait(lambda: not site.lost_inside(made), 60.0)
-
-
-def _wait(condition: object, within_s: float) -> None:
-    deadline = time.monotonic() + within_s
-    while time.monotonic() < deadline and not condition():  # type: ignore[operator]
-        time.sleep(0.5)
+    wait(lambda: not site.lost_inside(made), 60.0)

@@ -13,7 +13,7 @@ from edge.link.link import Link
 from edge.link.settings import LinkSettings
 from edge.messages import Health, camera_key, decode
 from tests.field import boxes
-from tools.doubles.base import Base
+from tools.doubles.base import TrackingBase
 from tools.doubles.disks import filler_of, on_full_disk, on_read_only_disk, possible
 
 pytestmark = pytest.mark.program("unshare")
@@ -48,21 +48,21 @@ def becomes(condition: Callable[[], bool]) -> bool:
 @pytest.mark.parametrize("words", [on_read_only_disk, on_full_disk], ids=["read-only", "full"])
 def test_a_base_goes_on_without_its_disk(tmp_path: Path, words: Callable[[Path], list[str]]) -> None:
     disk = tmp_path / "disk"
-    base = Base(tmp_path, [])
+    base = TrackingBase(tmp_path, [])
     with ExitStack() as stack:
         stack.callback(base.kill)
         base.start(*words(disk))
+        base.wait_until_up()
         stack.enter_context(base.boxes())
         assert becomes(lambda: bool(base.status().get("targets"))), "it tracks, disk or not"
         assert becomes(lambda: base.health().get("recording", ("",))[0] == "warn"), base.health()
         assert base.health()["disk"][0] == "warn", "what it wants to remember"
-        assert base.process is not None
         if words is on_full_disk:
             filler_of(base.process, disk).unlink()
             assert becomes(lambda: base.status().get("recording") is not None)
             assert becomes(lambda: "recording" not in base.health()), "it records again, with no help"
         assert base.stop() == 0
-    assert "Traceback" not in (tmp_path / "base.log").read_text()
+    assert "Traceback" not in base.log()
 
 
 @pytest.mark.parametrize("words", [on_read_only_disk, on_full_disk], ids=["read-only", "full"])

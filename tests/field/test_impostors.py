@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tools.bench.impostors import IMPOSTORS, trial
 from tools.doubles.air import Air, possible
-from tools.doubles.site import Site
+from tools.doubles.impostors import IMPOSTORS, trial
+from tools.doubles.site import CAMERAS, Site
 
 WITH_CERTIFICATES = [one for one in IMPOSTORS if "own" in one.name or "camera" in one.name]  # the rest: the bench
 
@@ -18,7 +18,7 @@ WITH_CERTIFICATES = [one for one in IMPOSTORS if "own" in one.name or "camera" i
 def test_no_impostor_is_believed_and_each_is_counted(flight: Path, tmp_path: Path) -> None:
     if reason := possible():
         pytest.skip(reason)
-    with Air("base", "evil", "cam0", "cam1", "cam2") as air:
+    with Air("base", "evil", *CAMERAS) as air:
         site = Site(air, tmp_path, flight, secure=True)
         try:
             rows, honest, positions = trial(site, 40, WITH_CERTIFICATES)

@@ -9,9 +9,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from tests.foreign import required
-from tools.bench.mavlink_forgery import attacks, trial
-from tools.bench.mavlink_peers import KINDS, Hour
+from tools.doubles.forger import attacks, trial
 from tools.doubles.peers import Peers, dissected, has_wireshark
+from tools.doubles.peers_at_base import KINDS, Hour
 
 ATTACK = "another key, 50 years ahead"  # the others: the bench, and tests/calib/station/outputs
 TOLD_TWICE = 2  # what is on its way when the counting begins and ends
@@ -44,7 +44,7 @@ def test_who_starts_an_hour_after_the_base_takes_what_it_signs(tmp_path: Path) -
                 assert abs(taken["MAVProxy"][kind] - sent[kind]) <= TOLD_TWICE, kind
                 assert taken["stranger"][kind] == 0, "MAVProxy with another key"
             assert taken["MAVProxy"]["others"] == 0 < stock, "a sender that does not refresh its time"
-        datagrams = list(hour.tap.datagrams)
+        datagrams = hour.tap.datagrams
     if has_wireshark() or required():
         shown = dissected(datagrams, tmp_path)
         assert shown["45000"] >= 20

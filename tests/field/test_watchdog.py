@@ -8,7 +8,7 @@ from pathlib import Path
 from edge.link.link import Link
 from edge.link.settings import LinkSettings
 from tests.field import boxes
-from tools.doubles.base import Base
+from tools.doubles.base import TrackingBase
 from tools.doubles.supervisor import Supervisor
 
 WATCHDOG_S = 4.0
@@ -31,11 +31,12 @@ def lives_through(systemd: Supervisor, process: object) -> None:
 
 
 def test_a_base_station_under_systemd(tmp_path: Path) -> None:
-    base = Base(tmp_path, [])
+    base = TrackingBase(tmp_path, [])
     with ExitStack() as stack:
         systemd = stack.enter_context(Supervisor(tmp_path, WATCHDOG_S))
         stack.callback(base.kill)
         base.start(environment=systemd.environment)
+        base.wait_until_up()
         lives_through(systemd, base.process)
 
 

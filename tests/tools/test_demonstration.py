@@ -27,11 +27,11 @@ from edge.common import settings
 from edge.common.errors import SkyfixError
 from tools.demo import SCENE, verdict
 from tools.demonstration import site
-from tools.demonstration.listener import Listener, Position
 from tools.demonstration.processes import Programs
-from tools.demonstration.receivers import UNDULATION_M, Receivers, epoch
+from tools.demonstration.receivers import UNDULATION_M, epoch, receivers
 from tools.demonstration.score import errors_m, followed_m, score
 from tools.demonstration.screen import Screen, View
+from tools.doubles.listener import Listener, Position
 
 ORIGIN = (47.4085, 8.5071, 580.0)
 START = 1_780_000_000 * 10**9
@@ -57,8 +57,8 @@ def test_minutes_never_read_sixty() -> None:
 
 def test_receivers_speak_on_real_ports_and_stay_where_they_are() -> None:
     antennas = [np.array([75.0, 5.0, 1.72]), np.array([-38.0, 72.0, 2.22])]
-    with Receivers(antennas, ORIGIN, seed=1) as receivers:
-        for antenna, device in zip(antennas, receivers.devices, strict=True):
+    with receivers(antennas, ORIGIN, seed=1) as devices:
+        for antenna, device in zip(antennas, devices, strict=True):
             port = os.open(device, os.O_RDONLY | os.O_NOCTTY)
             try:
                 text = b""
@@ -86,21 +86,19 @@ def test_configurations_are_accepted_by_the_programs(tmp_path: Path) -> None:
 # The listener
 
 
-def test_listener_reads_what_the_station_writes(tmp_path: Path) -> None:
+def test_listener_reads_what_the_station_writes() -> None:
     encoder = dialect.MAVLink(None)
     message = dialect.MAVLink_target_track_ecef_message(
         START // 1000, [1.5, 2.5, 3.5], [0.0] * 3, [0.0] * 21, 1.0, 7, 40, 3, 1, 0, 2, 3, 90
     )
-    with Listener(tmp_path) as listener, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+    with Listener() as listener, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         heartbeat = common.MAVLink(None).heartbeat_encode(27, 8, 0, 0, 4)
         sender.sendto(heartbeat.pack(common.MAVLink(None)), ("127.0.0.1", listener.port))
         sender.sendto(b"\xfd\x00garbage", ("127.0.0.1", listener.port))
         sender.sendto(message.pack(encoder), ("127.0.0.1", listener.port))
-        deadline = time.monotonic() + 5
-        while not listener.positions and time.monotonic() < deadline:
-            time.sleep(0.01)
+        assert listener.wait(1, within_s=5.0)
         (position,) = listener.positions
-        assert listener.messages["HEARTBEAT"] == 1
+        assert listener.counts["HEARTBEAT"] == 1
     assert (position.ecef_m, position.track, position.state, position.cameras) == ((1.5, 2.5, 3.5), 7, 2, 3)
     assert (position.time_ns, position.age_ns) == (START, 40_000_000)
 
@@ -122,7 +120,7 @@ def positions(
     ecef = enu_to_ecef(path.position_enu(t_s) + off_enu, ORIGIN)
     times = [START + round(t * 1e9) for t in t_s.tolist()]
     return [
-        Position(t + 30_000_000, t, 0, (x, y, z), track, 2, 3)
+        Position(t + 30_000_000, t, 0, (x, y, z), track, 2, 3, 1)
         for t, (x, y, z) in zip(times, ecef.tolist(), strict=True)
     ]
 
@@ -191,7 +189,7 @@ def view(elapsed_s: float, reason: str = "waiting for an object", heard: int = 0
     health = {"items": [{"level": "warn", "name": "security", "reason": "no TLS"}]}
     status = {"phase": "collecting", "reason": reason, "action": "fly", "cameras": [camera], "health": health}
     now = START + round(elapsed_s * 1e9)
-    seen = [Position(now - 1, now - 2, 0, (0.0, 0.0, 0.0), 5, 2, 3)] * heard
+    seen = [Position(now - 1, now - 2, 0, (0.0, 0.0, 0.0), 5, 2, 3, 1)] * heard
     return View(elapsed_s, 75.0, status, seen, np.full(heard, 0.25), now)
 
 

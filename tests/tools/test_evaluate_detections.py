@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from edge.common.errors import SkyfixError
 from tools import evaluate_detections as program
-from tools.scoring.detections import (
+from tools.detection_scores import (
     Boxes,
     average_precision,
     centred,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from edge.common.errors import SourceError
-from tools.bench.detection import from_zero
-from tools.scoring.detections import Boxes
+from tools.detection_scores import Boxes
+from tools.evaluate_detections import from_zero
 from tools.train.backdrops import foliage, sky
 from tools.train.camera import code_differences
 from tools.train.compose import BOX_VALUES, MAX_BOXES, Composer, Mix

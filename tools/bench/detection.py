@@ -30,9 +30,9 @@ from edge.detector.opening import open_detector
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from edge.gate import TrackRow, make_gate
-from tools.evaluate_detections import read_all, score
-from tools.scoring.detections import Boxes, Scores, no_boxes
-from tools.train.footage import first_number, read_split, stacks
+from tools.detection_scores import Boxes, Scores, no_boxes
+from tools.evaluate_detections import from_zero, read_all, score
+from tools.train.footage import read_split, stacks
 
 START_UNIX_NS: Final = 1_780_000_000 * 10**9
 LOWEST_SCORE: Final = 0.02  # of whole frames: average precision needs the doubtful ones too
@@ -153,12 +153,6 @@ def figures(results: list[ClipResult], labels: dict[str, Boxes], every: int) -> 
         truth = {result.clip: _thinned(labels[result.clip], step) for result in results}
         scores[row] = score(truth, {result.clip: _thinned(result.found[row], step) for result in results}, frames)
     return scores
-
-
-def from_zero(boxes: Boxes, frames: int) -> Boxes:
-    """Labels of a clip of so many frames, counted from 0 whatever their table counts from."""
-    number = boxes.frame - first_number(boxes.frame.tolist(), frames)
-    return Boxes(number[number >= 0], boxes.box_px[number >= 0], boxes.score[number >= 0])
 
 
 def _thinned(boxes: Boxes, step: int) -> Boxes:

@@ -18,9 +18,9 @@ from edge.common.errors import SkyfixError
 from edge.config import SHIPPED_MODEL
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
-from tools.bench.detection import LOWEST_SCORE, from_zero
-from tools.evaluate_detections import read_all
-from tools.scoring.detections import Boxes, evaluate
+from tools.bench.detection import LOWEST_SCORE
+from tools.detection_scores import Boxes, evaluate
+from tools.evaluate_detections import from_zero, read_all
 from tools.train.footage import frame_count, read_split, stacks
 
 COLUMNS: Final = 3

@@ -14,8 +14,8 @@ import numpy as np
 from edge.config import SHIPPED_MODEL
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
+from tools.detection_scores import Floats
 from tools.render import CODEC
-from tools.scoring.detections import Floats
 from tools.train.rendered import FIRST_TEST_SEED, centred_crops
 
 WIDTHS_PX: Final = (3.0, 4.0, 6.0, 8.0, 16.0, 32.0)

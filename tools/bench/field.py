@@ -13,11 +13,9 @@ recording. Nothing else should run meanwhile: what the two cores are kept from i
 import argparse
 import random
 import signal
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -27,35 +25,12 @@ from calib.station.archive import recording
 from edge.link.store import SpoolStore
 from tools.doubles.air import Air, possible
 from tools.doubles.heard import Row, latency_s, live_again_after
-from tools.doubles.site import ROOT, Site
+from tools.doubles.site import CAMERAS, PATIENCE_S, Site, demo_flight, wait
 from tools.doubles.truth import CHI2_3_95, CHI2_3_999, Error
 
-CAMERAS: Final = ("cam0", "cam1", "cam2")
 CALM_S: Final = 15.0  # before a fault, to compare with
 AFTER_S: Final = 5.0  # within which everything must be back, and what is sent is looked at closely
-LOOK_S: Final = 0.1  # between looks at the recording; they cost time that is measured
-PATIENCE_S: Final = 60.0  # for everything to be in the recording
 SEED: Final = 11
-
-
-def wait(condition: Callable[[], bool], within_s: float) -> float:
-    """How long it took for a condition to come true; infinite if it did not in time."""
-    began = time.monotonic()
-    while time.monotonic() - began < within_s:
-        if condition():
-            return time.monotonic() - began
-        time.sleep(LOOK_S)
-    return float("inf")
-
-
-def settle(site: Site, calm_s: float = CALM_S) -> None:
-    """Start everything and let it run in calm."""
-    for host in sorted({*site.air.hosts} - {"evil"}, key=lambda name: (name in CAMERAS, name)):
-        site.start(host)
-    took_s = wait(lambda: {row.camera for row in site.recorded()} == set(CAMERAS), 60)
-    if took_s == float("inf"):
-        raise SystemExit(f"the base does not hear its boxes: look at {site.folder}/base-1.err")
-    time.sleep(calm_s + 1.0)
 
 
 def p99_ms(rows: list[Row], begin_unix_s: float, end_unix_s: float) -> float:
@@ -228,12 +203,9 @@ def main() -> int:
         return 1
     hosts = ("base", "router") if options.router or options.fault == "kills" else ("base",)
     with tempfile.TemporaryDirectory() as temporary, Air(*hosts, *CAMERAS) as air:
-        flight = Path(temporary) / "flight"
-        command = [sys.executable, "-m", "calib.station.app", "simulate", "demo"]
-        subprocess.run([*command, "-o", str(flight)], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-        site = Site(air, Path(temporary), flight, secure=not options.plain)
+        site = Site(air, Path(temporary), demo_flight(Path(temporary) / "flight"), secure=not options.plain)
         try:
-            settle(site)
+            site.settle(CALM_S)
             {"partition": partition, "storm": storm, "frozen": frozen, "kills": kills}[options.fault](site, options)
         finally:
             site.bury()

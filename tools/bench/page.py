@@ -6,27 +6,22 @@ as quick as without it. On a machine that does other things as well, compare the
 """
 
 import argparse
-import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from calib.station.archive.state_store import StateStore
-from tools.doubles.box_messages import SITE
+from tools.doubles.base import NOBODY, Base, scene_config
 from tools.doubles.browser import browser
 from tools.doubles.feed import boxes
-from tools.doubles.flight import ORIGIN, Spec, make
+from tools.doubles.flight import Spec, make
+from tools.doubles.ports import free_endpoint
 
-PORT: Final = 18080
-ENDPOINT: Final = "tcp/127.0.0.1:17448"
 STARTED_S: Final = 120.0
 SETTLED_S: Final = 8.0  # before anything is measured
 LOOKS: Final = ("/", "/cameras")
@@ -54,22 +49,16 @@ def page_of(station: int) -> int | None:
     return next((int(c) for c in children if "calib.station.page" in Path(f"/proc/{c}/cmdline").read_text()), None)
 
 
-def status() -> dict[str, object]:
-    """The station's status."""
-    with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/status.json", timeout=STARTED_S) as answer:
-        told: dict[str, object] = json.load(answer)
-    return told
-
-
-def measure(station: int, seconds: float) -> Half:
+def measure(base: Base, seconds: float) -> Half:
     """One half."""
+    station = base.process.pid
     time.sleep(SETTLED_S)
     page = page_of(station)
     before, began = (cpu_s(station), cpu_s(page) if page else 0.0), time.monotonic()
     time.sleep(seconds)
     took = time.monotonic() - began
     after = (cpu_s(station), cpu_s(page) if page else 0.0)
-    told = status()
+    told = base.status()
     latency, targets = told["latency_ms"], told["targets"]
     assert isinstance(latency, list)
     assert isinstance(targets, list)
@@ -77,37 +66,25 @@ def measure(station: int, seconds: float) -> Half:
 
 
 @contextmanager
-def running(folder: Path, spec: Spec) -> Iterator[int]:
-    """A station fed with the scene; its process id."""
+def running(folder: Path, spec: Spec) -> Iterator[Base]:
+    """A station fed with the scene."""
     scene = make(spec)
-    cameras = "".join(f'[[camera]]\nid = "cam{k}"\n' for k in range(spec.cameras))
-    (folder / "base.toml").write_text(
-        f'state_folder = "state"\n[site]\nname = "{SITE}"\norigin = {list(ORIGIN)}\n{cameras}'
-        f'[link]\nlisten = ["{ENDPOINT}"]\n[status]\nport = {PORT}\n[calibration]\nresolve_s = 3600\n'
-        '[[mavlink.endpoint]]\nurl = "udp:127.0.0.1:9"\nprofile = ["ecef"]\n'
+    config = scene_config(
+        scene,
+        free_endpoint(),
+        status={"page": True},
+        calibration={"resolve_s": 3600},
+        mavlink={"endpoint": [NOBODY]},
     )
-    (folder / "state").mkdir()
-    with StateStore(folder / "state") as keeper:
-        keeper.store_network(scene.network)
-    command = [sys.executable, "-m", "calib.station.app", "run", "--config", str(folder / "base.toml")]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as station:
-        until_up()
-        with boxes(scene, ENDPOINT):
-            yield station.pid
-        station.terminate()
-
-
-def until_up() -> None:
-    """Wait until the station answers."""
-    deadline = time.monotonic() + STARTED_S
-    while True:
-        try:
-            status()
-            return
-        except OSError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.2)
+    base = Base(folder, config, scene.network)
+    try:
+        base.start()
+        base.wait_until_up(STARTED_S)
+        with boxes(scene, base.zenoh):
+            yield base
+        base.stop()
+    finally:
+        base.kill()
 
 
 def main() -> int:
@@ -123,13 +100,13 @@ def main() -> int:
     print(f"seed {spec.seed}: {spec.cameras} cameras, {spec.uavs} objects, {spec.rate_hz:g} Hz")
     with (
         tempfile.TemporaryDirectory() as folder,
-        running(Path(folder), spec) as station,
+        running(Path(folder), spec) as base,
         browser() as looking,
     ):
-        halves = {"nobody looks": measure(station, options.seconds)}
+        halves = {"nobody looks": measure(base, options.seconds)}
         for path in LOOKS:
-            looking.new_page().goto(f"http://127.0.0.1:{PORT}{path}", timeout=STARTED_S * 1000)
-        halves["two browsers"] = measure(station, options.seconds)
+            looking.new_page().goto(base.url + path, timeout=STARTED_S * 1000)
+        halves["two browsers"] = measure(base, options.seconds)
     for name, half in halves.items():
         print(
             f"{name}: station {half.station:.1%} of a core, page {half.page:.1%}, {half.targets} targets, "

@@ -25,29 +25,20 @@ from calib.station.app import main as base_station
 from calib.station.archive.replay_source import ReplaySource, open_source
 from calib.station.commands.score import read_truth, table
 from edge.common.errors import SkyfixError
-from tools.demonstration.listener import Listener, Position
 from tools.demonstration.processes import Programs
-from tools.demonstration.score import LOST
-from tools.demonstration.site import free_port
+from tools.doubles.base import base_config
+from tools.doubles.listener import LOST, Listener, Position
+from tools.doubles.ports import free_endpoint
 
 OUTPUT: Final = Path("out") / "replay_live"
 TAIL_S: Final = 3.0  # after the last message, for what is still under way
 
 
-def base_toml(source: ReplaySource, zenoh_port: int, mavlink_port: int) -> str:
+def base_toml(source: ReplaySource, listen: str, mavlink_url: str) -> str:
     """A base for these cameras; their positions come from their own fixes."""
-    endpoint = {"url": f"udp:127.0.0.1:{mavlink_port}", "profile": ["ecef"], "rate_hz": 200.0}
-    return tomli_w.dumps(
-        {
-            "state_folder": "state",
-            "site": {"name": source.site},
-            "camera": [{"id": camera} for camera in source.cameras],
-            "link": {"listen": [f"tcp/127.0.0.1:{zenoh_port}"]},
-            "mavlink": {"simulated": True, "endpoint": [endpoint]},
-            "recording": {"folder": "recording", "min_free_mb": 50},
-            "status": {"port": free_port()},
-        }
-    )
+    endpoint = {"url": mavlink_url, "profile": ["ecef"], "rate_hz": 200.0}
+    mavlink = {"simulated": True, "endpoint": [endpoint]}
+    return tomli_w.dumps(base_config(source.site, source.cameras, listen, mavlink=mavlink))
 
 
 def run(source: ReplaySource, speed: float, folder: Path) -> tuple[list[Position], int]:
@@ -55,13 +46,13 @@ def run(source: ReplaySource, speed: float, folder: Path) -> tuple[list[Position
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     with ExitStack() as stack:
-        listener = stack.enter_context(Listener(folder))
+        listener = stack.enter_context(Listener())
         programs = stack.enter_context(Programs(folder / "log"))
-        port = free_port()
+        listen = free_endpoint()
         config = folder / "base.toml"
-        config.write_text(base_toml(source, port, listener.port), encoding="utf-8")
+        config.write_text(base_toml(source, listen, listener.url), encoding="utf-8")
         base = programs.start("base-station", "base-station", "run", "--config", str(config))
-        code = base_station(["replay", str(source.path), "--speed", str(speed), "--connect", f"tcp/127.0.0.1:{port}"])
+        code = base_station(["replay", str(source.path), "--speed", str(speed), "--connect", listen])
         time.sleep(TAIL_S)
         programs.check()
         base.stop()

@@ -24,8 +24,9 @@ from calib.station.core.station import Station, Tick
 from calib.station.core.stored_state import StoredState
 from edge.messages import camera_key, encode
 from tools.bench.station_tracking import Watch
-from tools.doubles.box_messages import SITE, Sent, fix_message, lens_message, tracks_message
+from tools.doubles.box_messages import EPOCH, SITE, Sent, seen_frames, state_messages
 from tools.doubles.flight import ORIGIN, T0_UNIX_NS, Scene, Spec, frames, make
+from tools.doubles.tracks import tracks_message
 
 ROUND_S = 300.0
 WARM_H = 1.0  # hours until the window is full and every buffer has its size
@@ -47,18 +48,15 @@ class Day:
 
 def stream(scene: Scene, rounds: int) -> Iterator[tuple[int, Sent]]:
     """(round, message) in the order of arrival."""
-    cameras = {camera.id: camera for camera in scene.truth}
-    for camera in cameras.values():
-        yield 0, Sent(T0_UNIX_NS, camera_key(SITE, camera.id, "lens"), encode(lens_message(camera)))
-        yield 0, Sent(T0_UNIX_NS, camera_key(SITE, camera.id, "fix"), encode(fix_message(camera)))
-    once = list(frames(scene))
+    yield from ((0, sent) for sent in state_messages(scene))
+    once = list(seen_frames(scene, frames(scene)))
     for number in range(rounds):
         later_ns = round(number * ROUND_S * NS)
-        for k, (arrival_ns, frame) in enumerate(once):
-            moved = replace(frame, t_unix_ns=frame.t_unix_ns + later_ns, label=frame.label + number * LABELS)
+        for k, (arrival_ns, name, camera, seen) in enumerate(once):
+            moved = replace(seen, t_unix_ns=seen.t_unix_ns + later_ns, labels=seen.labels + number * LABELS)
             seq = number * len(once) + k  # gaps in a camera's numbers are counted, and no more
-            message = tracks_message(moved, cameras[frame.camera], seq)
-            yield number, Sent(arrival_ns + later_ns, camera_key(SITE, frame.camera, "tracks"), encode(message))
+            message = tracks_message(camera, EPOCH, seq, moved)
+            yield number, Sent(arrival_ns + later_ns, camera_key(SITE, name, "tracks"), encode(message))
 
 
 def play(spec: Spec, hours: float) -> Day:

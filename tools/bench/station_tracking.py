@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
 from calib.tracking.targets import TargetEstimate, TargetState, Tracker
-from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make, seen
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make
 
 CUT_M = 10.0
 SETTLED_S = 2.0
@@ -92,8 +92,9 @@ def _at(estimate: TargetEstimate, t_unix_ns: int) -> np.ndarray:
 
 
 def _visible(scene: Scene, t_unix_ns: int) -> np.ndarray:
-    views = [np.isfinite(seen(scene, c, t_unix_ns)[:, 0]) for c in range(len(scene.truth))]
-    enough: np.ndarray = np.sum(views, axis=0) >= 2
+    truth, t_s = scene.positions(t_unix_ns), (t_unix_ns - T0_UNIX_NS) * 1e-9
+    depths = [camera.project(truth, np.full(len(truth), t_s))[1] for camera in scene.watched.cameras]
+    enough: np.ndarray = np.isfinite(depths).sum(axis=0) >= 2
     return enough
 
 

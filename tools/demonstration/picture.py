@@ -17,7 +17,7 @@ from calib.station.archive import recording
 from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
 from edge.messages import Detection, Tracks, camera_of_key, decode
-from tools.demonstration.listener import Position
+from tools.doubles.listener import Position
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -111,9 +111,10 @@ def _map(axes: Any, watched: Watched, enu: Array) -> None:
 def _heights(axes: Any, watched: Watched, t_s: Array, enu: Array) -> None:
     """Height over time: the truth, and every position received."""
     t = np.linspace(0, watched.duration_s, 2000)
-    for path in watched.flights:
-        axes.plot(t, path.position_enu(t)[:, 2], color=INK, lw=1, alpha=0.45)
+    true_m = [path.position_enu(t)[:, 2] for path in watched.flights]
+    for height_m in true_m:
+        axes.plot(t, height_m, color=INK, lw=1, alpha=0.45)
     axes.plot(t_s, enu[:, 2], ".", color=SIGNAL, ms=2.5)
-    highest = max(float(np.max(path.object.waypoints_enu, axis=0)[2]) for path in watched.flights)
+    highest = max(float(np.nanmax(height_m)) for height_m in true_m)
     axes.set(xlim=(0, watched.duration_s), ylim=(0, 1.3 * highest), xlabel="time, s", ylabel="height, m")
     axes.grid(alpha=0.2)

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from calib.geodesy import Origin, ecef_to_enu
 from calib.simulation.flight import ObjectFlight
 from edge.common.arrays import Array
-from tools.demonstration.listener import Position
+from tools.doubles.listener import LOST, Position
 
 PASS_M: Final = 1.0  # m RMSE: what the demo promises
 NOBODYS_M: Final = 10.0  # m: a track whose median is farther from every object follows none of them
-LOST: Final = 4  # TRACK_STATE_LOST: a farewell, not a position
 
 
 @dataclass(frozen=True)

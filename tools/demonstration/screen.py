@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TextIO
 
 import numpy as np
 
-from tools.demonstration.listener import Position
+from tools.doubles.listener import Position
 
 SIGNS: Final = ("ok", "warn", "fail")  # health levels
 MOST_TROUBLES: Final = 4  # lines of troubles shown at once

@@ -1,6 +1,5 @@
 """The configurations of a demo site: three boxes, one base, all on loopback and all below one folder."""
 
-import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +10,7 @@ import tomli_w
 from calib.simulation.description import CameraSpec, Simulation
 from edge.common.arrays import Array
 from tools.demonstration.receivers import UNDULATION_M
+from tools.doubles.base import base_config
 
 ANTENNA_ABOVE_LENS_M: Final = 0.12  # on the tripod's head
 FOCAL_SIGMA_PX: Final = 1.5  # what `edge-node lens` says after an ordinary session with a chessboard
@@ -25,13 +25,6 @@ class Ports:
     zenoh: int
     mavlink: int
     status: int
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of 127.0.0.1 that nobody has at the moment."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def antenna_enu(camera: CameraSpec) -> Array:
@@ -84,18 +77,18 @@ def box(name: str, camera: CameraSpec, inputs: Inputs, ports: Ports) -> str:
 
 def base(scene: Simulation, ports: Ports) -> str:
     """base.toml of the field computer; relative paths are beside the file."""
-    config: dict[str, Any] = {
-        "state_folder": "state",
-        "site": {"name": scene.name, "undulation_m": UNDULATION_M},
-        "camera": [{"id": camera.id} for camera in scene.camera],
-        "link": {"listen": [f"tcp/127.0.0.1:{ports.zenoh}"]},
+    config = base_config(
+        scene.name,
+        [camera.id for camera in scene.camera],
+        f"tcp/127.0.0.1:{ports.zenoh}",
+        site={"undulation_m": UNDULATION_M},
         # A flight of a minute: the first calibration, from its first seconds, is refined while it lasts.
-        "calibration": {"resolve_s": RESOLVE_S},
-        "mavlink": {
+        calibration={"resolve_s": RESOLVE_S},
+        mavlink={
             "simulated": True,
             "endpoint": [{"url": f"udp:127.0.0.1:{ports.mavlink}", "profile": ["gcs", "ecef"]}],
         },
-        "recording": {"folder": "recording", "min_free_mb": 50},
-        "status": {"port": ports.status},
-    }
+        recording={"folder": "recording", "min_free_mb": 50},
+        status={"port": ports.status, "page": True},
+    )
     return tomli_w.dumps(config)

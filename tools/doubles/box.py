@@ -1,6 +1,6 @@
 """A camera box without a camera: the real link and the real spool, fed with a track folder in place of a lens.
 
-    python box.py --connect ENDPOINT --site NAME --camera ID --tracks FOLDER --spool FILE --start UNIX_S
+    python -m tools.doubles.box --connect ENDPOINT --site NAME --camera ID --tracks FOLDER --spool FILE --start UNIX_S
 
 Plays the camera's rows in real time, for ever, as if they were seen now. start_unix_s: the instant, the same for all
 boxes, at which the flight began. Every Tracks message it makes is written to standard output as `epoch seq stamp late`,
@@ -14,16 +14,18 @@ import signal
 import threading
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from edge.common.own_thread import give_way_soon
-from edge.lens import LensModel, pixel_to_ray
+from edge.lens import LensModel
 from edge.link.link import Link
 from edge.link.settings import LinkSettings, TlsSettings
 from edge.link.spool import Spool, SpoolSettings
-from edge.messages import Detection, Lens, Tracks, camera_key, encode
+from edge.messages import Lens, Tracks, camera_key, encode
+from tools.doubles.tracks import BoxCamera, SeenFrame, rays_of, tracks_message
 
 PAUSE_NS = 10**9  # between the flight's end and its next beginning
 
@@ -34,44 +36,31 @@ class Player:
     def __init__(self, folder: Path, camera: str) -> None:
         site = tomllib.loads((folder / "site.toml").read_text())
         facts = next(item for item in site["camera"] if item["id"] == camera)
-        self.size_px = (int(facts["size_px"][0]), int(facts["size_px"][1]))
-        self.readout_s = facts.get("readout_s")
-        self.lens = LensModel(
-            model=facts["lens"],
-            intrinsics=tuple(facts["intrinsics"]),
-            distortion=tuple(facts["distortion"]),
-            size_px=self.size_px,
-            rms_px=0.3,
+        self.camera = BoxCamera(
+            LensModel(
+                model=facts["lens"],
+                intrinsics=tuple(facts["intrinsics"]),
+                distortion=tuple(facts["distortion"]),
+                size_px=(int(facts["size_px"][0]), int(facts["size_px"][1])),
+                rms_px=0.3,
+            ),
+            facts.get("readout_s"),
         )
         with (folder / "tracks" / f"{camera}.csv").open() as file:
             rows = [row for row in csv.DictReader(file) if row.get("status", "confirmed") == "confirmed"]
-        self.frames: dict[int, list[dict[str, str]]] = {}
-        for row in rows:
-            self.frames.setdefault(int(row["t_unix_ns"]), []).append(row)
-        self.times = sorted(self.frames)
+        stamps = np.array([int(row["t_unix_ns"]) for row in rows])
+        pixels = np.array([[float(row["u_px"]), float(row["v_px"])] for row in rows])
+        labels = np.array([int(row["track"]) for row in rows])
+        times, begin = np.unique(stamps, return_index=True)
+        self.times: list[int] = times.tolist()
+        frames = np.split(pixels, begin[1:])
+        rays = rays_of(self.camera.lens, frames)
+        self._seen = list(map(SeenFrame, self.times, frames, rays, np.split(labels, begin[1:])))
 
-    def lens_message(self) -> Lens:
-        return Lens.of(self.lens)
-
-    def detections(self, t_unix_ns: int) -> list[Detection]:
-        found = []
-        for row in self.frames[t_unix_ns]:
-            pixel = np.array([[float(row["u_px"]), float(row["v_px"])]])
-            ray = pixel_to_ray(self.lens, pixel)[0]
-            found.append(
-                Detection(
-                    track=int(row["track"]),
-                    u_px=float(pixel[0, 0]),
-                    v_px=float(pixel[0, 1]),
-                    ray_x=float(ray[0]),
-                    ray_y=float(ray[1]),
-                    width_px=float(row["width_px"]),
-                    height_px=float(row["height_px"]),
-                    score=float(row["score"]),
-                    status="confirmed",
-                )
-            )
-        return found
+    def message(self, epoch: int, seq: int, index: int, later_ns: int) -> Tracks:
+        """A frame, said later_ns after it was seen."""
+        seen = self._seen[index]
+        return tracks_message(self.camera, epoch, seq, replace(seen, t_unix_ns=seen.t_unix_ns + later_ns))
 
 
 def index_at(times: list[int], t_unix_ns: int, lap_ns: int) -> int:
@@ -106,7 +95,7 @@ def play(options: argparse.Namespace, stop: threading.Event) -> None:
     with Link(link_settings(options), name=camera) as link:
         requests = link.serve(camera_key(site, camera, "backlog"))
         with Spool(SpoolSettings(file=str(options.spool), max_mb=500), requests) as spool:
-            link.set_state(camera_key(site, camera, "lens"), player.lens_message())
+            link.set_state(camera_key(site, camera, "lens"), Lens.of(player.camera.lens))
             link.declare_presence(camera_key(site, camera))
             seq = 0
             next_one = index_at(player.times, time.time_ns() - shift_ns, lap_ns)
@@ -115,16 +104,7 @@ def play(options: argparse.Namespace, stop: threading.Event) -> None:
                 t_unix_ns = player.times[index] + shift_ns + lap * lap_ns
                 if stop.wait(max(0.0, (t_unix_ns - time.time_ns()) * 1e-9)):
                     return
-                tracks = Tracks(
-                    t_unix_ns=t_unix_ns,
-                    seq=seq,
-                    epoch=epoch,
-                    clock_bound_s=0.001,
-                    size_px=player.size_px,
-                    readout_s=player.readout_s,
-                    detections=player.detections(player.times[index]),
-                )
-                payload = encode(tracks)
+                payload = encode(player.message(epoch, seq, index, t_unix_ns - player.times[index]))
                 spool.keep(epoch, seq, t_unix_ns, payload)
                 link.publish_bytes(camera_key(site, camera, "tracks"), payload)
                 print(epoch, seq, t_unix_ns, time.time_ns() - t_unix_ns, flush=True)

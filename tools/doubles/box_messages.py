@@ -2,15 +2,17 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from calib.geodesy import enu_to_geodetic
 from calib.network import Camera
 from calib.observations import Frame
-from edge.messages import Detection, Fix, Lens, Tracks, camera_key, encode
+from edge.messages import Fix, Lens, camera_key, encode
 from tools.doubles.flight import ORIGIN, T0_UNIX_NS, Scene, frames
+from tools.doubles.tracks import BoxCamera, SeenFrame, rays_of, tracks_message
 
-SITE = "bench"
+SITE: Final = "bench"
+EPOCH: Final = 1  # no box is started twice
 
 
 class Sent(NamedTuple):
@@ -19,11 +21,6 @@ class Sent(NamedTuple):
     arrival_ns: int
     key: str
     payload: bytes
-
-
-def lens_message(camera: Camera) -> Lens:
-    """What the camera's box says of its lens."""
-    return Lens.of(camera.lens)
 
 
 def fix_message(camera: Camera, sigma_m: float = 0.02) -> Fix:
@@ -42,45 +39,37 @@ def fix_message(camera: Camera, sigma_m: float = 0.02) -> Fix:
     )
 
 
-def tracks_message(
-    frame: Frame, camera: Camera, seq: int, epoch: int = 1, clock_bound_s: float | None = 1e-3
-) -> Tracks:
-    """A frame as its box would send it."""
-    fx, fy, cx, cy = camera.lens.intrinsics
-    rays = (frame.pixels - (cx, cy)) / (fx, fy)  # distorted still: the station uses the raw pixel, and this is quick
-    return Tracks(
-        t_unix_ns=frame.t_unix_ns,
-        seq=seq,
-        epoch=epoch,
-        clock_bound_s=clock_bound_s,
-        size_px=camera.lens.size_px,
-        readout_s=camera.readout_s,
-        detections=[
-            Detection(
-                track=int(label),
-                u_px=float(pixel[0]),
-                v_px=float(pixel[1]),
-                ray_x=float(ray[0]),
-                ray_y=float(ray[1]),
-                width_px=12.0,
-                height_px=8.0,
-                score=0.9,
-                sigma_px=float(sigma),
-                status="confirmed",
-            )
-            for label, pixel, ray, sigma in zip(frame.label, frame.pixels, rays, frame.sigma_px, strict=True)
-        ],
-    )
-
-
 def messages(scene: Scene, site: str = SITE) -> Iterator[Sent]:
     """Lenses and fixes first, then every frame in the order of arrival."""
-    cameras = {camera.id: camera for camera in scene.truth}
-    for camera in cameras.values():
-        yield Sent(T0_UNIX_NS, camera_key(site, camera.id, "lens"), encode(lens_message(camera)))
+    yield from state_messages(scene, site)
+    yield from tracks_messages(scene, frames(scene), site)
+
+
+def state_messages(scene: Scene, site: str = SITE) -> Iterator[Sent]:
+    """What each box says of its lens and its position."""
+    for camera in scene.truth:
+        yield Sent(T0_UNIX_NS, camera_key(site, camera.id, "lens"), encode(Lens.of(camera.lens)))
         yield Sent(T0_UNIX_NS, camera_key(site, camera.id, "fix"), encode(fix_message(camera)))
+
+
+def tracks_messages(scene: Scene, stream: Iterator[tuple[int, Frame]], site: str = SITE) -> Iterator[Sent]:
+    """(arrival ns, frame) of a stream as their boxes would send them."""
     seq: Counter[str] = Counter()
-    for arrival_ns, frame in frames(scene):
-        message = tracks_message(frame, cameras[frame.camera], seq[frame.camera])
-        seq[frame.camera] += 1
-        yield Sent(arrival_ns, camera_key(site, frame.camera, "tracks"), encode(message))
+    for arrival_ns, name, camera, seen in seen_frames(scene, stream):
+        message = tracks_message(camera, EPOCH, seq[name], seen)
+        seq[name] += 1
+        yield Sent(arrival_ns, camera_key(site, name, "tracks"), encode(message))
+
+
+def seen_frames(scene: Scene, stream: Iterator[tuple[int, Frame]]) -> Iterator[tuple[int, str, BoxCamera, SeenFrame]]:
+    """(arrival ns, camera's id, camera, frame with its rays) of a stream."""
+    ready = list(stream)
+    cameras = {camera.id: BoxCamera(camera.lens, camera.readout_s) for camera in scene.truth}
+    rays = {
+        name: iter(rays_of(camera.lens, [frame.pixels for _, frame in ready if frame.camera == name]))
+        for name, camera in cameras.items()
+    }
+    for arrival_ns, frame in ready:
+        own = next(rays[frame.camera])
+        seen = SeenFrame(frame.t_unix_ns, frame.pixels, own, frame.label, frame.sigma_px)
+        yield arrival_ns, frame.camera, cameras[frame.camera], seen

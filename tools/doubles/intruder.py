@@ -1,6 +1,6 @@
 """Somebody who speaks under a camera's key: with the certificate he has, or none, what he was given, at a steady pace.
 
-    python intruder.py --connect ENDPOINT --key KEY --payloads FILE [--certificate FOLDER] [--rate HZ]
+    python -m tools.doubles.intruder --connect ENDPOINT --key KEY --payloads FILE [--certificate FOLDER] [--rate HZ]
 
 FILE holds a payload a line. Prints how many he handed to his session, which says nothing of how many arrived.
 """

@@ -5,23 +5,17 @@ None of them is needed to run or to test Skyfix; each is used where it is instal
 
 import os
 import shutil
-import socket
 import struct
 import subprocess
 import sys
-import threading
-import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
 import pymavlink
-from pymavlink.dialects.v20 import common
 
-import calib.station.outputs.mavlink.messages  # noqa: F401 -- registers the dialect with pymavlink's parser
-from calib.station.outputs.mavlink.codec import ticks
 from tools.doubles.base import ROOT
 
 XML: Final = ROOT / "deploy" / "mavlink" / "skyfix.xml"
@@ -41,48 +35,6 @@ transponder.subscribe_transponder(
 while True:
     time.sleep(1.0)
 """
-
-
-class Ear:
-    """Counts the messages that come to a UDP port by kind, and keeps the datagrams; verifies if it has a key."""
-
-    def __init__(self, port: int = 0, key: bytes | None = None, but_system: int = -1) -> None:
-        """key: as stock pymavlink verifies, told the time as it starts. but_system: counted as "others"."""
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", port))
-        self._socket.settimeout(0.2)
-        self.port = int(self._socket.getsockname()[1])
-        self.datagrams: list[bytes] = []
-        self.counts: Counter[str] = Counter()
-        self._but = but_system
-        self._parser = common.MAVLink(None)
-        self._parser.robust_parsing = True
-        if key is not None:
-            self._parser.signing.secret_key = key
-            self._parser.signing.timestamp = ticks(time.time())
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._listen)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._socket.close()
-
-    def _listen(self) -> None:
-        while not self._stop.is_set():
-            try:
-                data = self._socket.recv(65536)
-            except TimeoutError:
-                continue
-            self.datagrams.append(data)
-            for message in self._parser.parse_buffer(data) or ():
-                kind = message.get_type()
-                other = kind != "BAD_DATA" and message.get_srcSystem() == self._but
-                self.counts["others" if other else kind] += 1
 
 
 class Peers:

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -15,17 +15,38 @@ from typing import Any, Final
 import tomli_w
 
 from tools.doubles.air import Air
+from tools.doubles.base import base_config
 from tools.doubles.heard import Heard, Row
 from tools.doubles.truth import Error, Truth
 
-HERE: Final = Path(__file__).parent
-ROOT: Final = HERE.parents[1]
+ROOT: Final = Path(__file__).parents[2]
+CAMERAS: Final = ("cam0", "cam1", "cam2")  # of the demo's scene
 PORT: Final = 7447
+STATUS_PORT: Final = 8080  # in the base's own namespace
+LOOK_S: Final = 0.1  # between looks at the recording; they cost time that is measured
+PATIENCE_S: Final = 60.0  # for a start on a busy machine, and for everything to be in the recording
 QUIET: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 COMMIT_ROWS: Final = 20  # in half a second, at 25 Hz and a margin: what kill -9 may cost a box
 ROUTER_FIRST: Final = {"router": 2, "base": 1}  # what others lean on stops last
 
 Made = set[tuple[str, int, int]]  # camera, epoch, seq
+
+
+def wait(condition: Callable[[], bool], within_s: float) -> float:
+    """How long it took for a condition to come true, in seconds; infinite if it did not in time."""
+    began = time.monotonic()
+    while time.monotonic() - began < within_s:
+        if condition():
+            return time.monotonic() - began
+        time.sleep(LOOK_S)
+    return float("inf")
+
+
+def demo_flight(folder: Path) -> Path:
+    """The demo's scene as a track folder, made there."""
+    command = [sys.executable, "-m", "calib.station.app", "simulate", "demo"]
+    subprocess.run([*command, "-o", str(folder)], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+    return folder
 
 
 class Site:
@@ -93,15 +114,16 @@ class Site:
 
     def _base(self, facts: dict[str, Any]) -> dict[str, Any]:
         cameras = [{key: camera[key] for key in ("id", "position", "position_sigma")} for camera in facts["camera"]]
-        return {
-            "state_folder": "state",
-            "site": {"name": self.name, "origin": facts["site"]["origin"]},
-            "camera": cameras,
-            "link": self._link("base"),
-            "mavlink": {"endpoint": [{"url": "udp:127.0.0.1:14550", "profile": ["ecef"]}]},
-            "recording": {"folder": "recordings", "min_free_mb": 1},
-            "status": {"port": 8080, "page": False},
-        }
+        return base_config(
+            self.name,
+            (),
+            self.endpoint,
+            site={"origin": facts["site"]["origin"]},
+            camera=cameras,
+            link=self._link("base"),
+            mavlink={"endpoint": [{"url": "udp:127.0.0.1:14550", "profile": ["ecef"]}]},
+            status={"port": STATUS_PORT},
+        )
 
     # Processes
 
@@ -124,7 +146,16 @@ class Site:
         link = ["--connect", self.endpoint, "--mode", "client" if self._listener == "router" else "peer"]
         link += ["--certificate", str(self.certificate(host))] if self._secure else []
         flight = ["--tracks", str(self.tracks), "--start", str(self.start_unix_s)]
-        return [str(HERE / "box.py"), *link, "--site", self.name, "--camera", host, "--spool", str(spool), *flight]
+        return ["-m", "tools.doubles.box", *link, "--site", self.name, "--camera", host, "--spool", str(spool), *flight]
+
+    def settle(self, calm_s: float = 0.0) -> None:
+        """Start everything but intruders, wait until the base hears all boxes, and let it run in calm."""
+        for host in sorted({*self.air.hosts} - {"evil"}, key=lambda name: (name in CAMERAS, name)):
+            self.start(host)
+        took_s = wait(lambda: {row.camera for row in self.recorded()} == set(CAMERAS), PATIENCE_S)
+        if took_s == float("inf"):
+            raise SystemExit(f"the base does not hear its boxes: look at {self.folder}/base-1.err")
+        time.sleep(calm_s + 1.0)
 
     def send(self, host: str, number: signal.Signals) -> None:
         """Send a signal to a host's program."""
@@ -208,7 +239,7 @@ class Site:
         return dict(json.loads(told.stdout)) if told.returncode == 0 else {}
 
 
-_FETCH = """
+_FETCH = f"""
 import sys, urllib.request
-sys.stdout.write(urllib.request.urlopen("http://127.0.0.1:8080/status.json", timeout=2).read().decode())
+sys.stdout.write(urllib.request.urlopen("http://127.0.0.1:{STATUS_PORT}/status.json", timeout=2).read().decode())
 """

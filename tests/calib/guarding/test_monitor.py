@@ -8,7 +8,7 @@ import pytest
 import calib.guarding.monitor
 from calib.guarding.diagnosis import Residual, diagnose
 from calib.guarding.monitor import Guard
-from tools.bench.station_guard import FAULTS, faulty_frames, watch
+from tools.doubles.faults import FAULTS, faulty_frames, findings
 from tools.doubles.flight import T0_UNIX_NS, Spec, frames, make
 
 SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=12.0)
@@ -18,7 +18,7 @@ EVENT_S = 4.0
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_the_camera_at_fault_is_the_first_to_be_named(fault) -> None:  # type: ignore[no-untyped-def]
     scene = make(SPEC)
-    found = watch(scene, faulty_frames(scene, fault, EVENT_S))
+    found = findings(scene, faulty_frames(scene, fault, EVENT_S))
     assert found, fault.name
     at_s, first = found[0]
     assert first.camera == "cam2"
@@ -28,12 +28,12 @@ def test_the_camera_at_fault_is_the_first_to_be_named(fault) -> None:  # type: i
 
 def test_nothing_is_found_where_nothing_happens() -> None:
     scene = make(replace(SPEC, birds=4, dropout=0.2, clutter=1.0))
-    assert watch(scene, frames(scene)) == []
+    assert findings(scene, frames(scene)) == []
 
 
 def test_calibration_errors_that_are_declared_are_no_knock() -> None:
     scene = make(replace(SPEC, sigma_attitude_rad=1e-3, seed=5))
-    assert watch(scene, frames(scene)) == []
+    assert findings(scene, frames(scene)) == []
 
 
 def test_a_frozen_picture_is_noticed_and_a_hovering_drone_is_not() -> None:
@@ -49,7 +49,7 @@ def test_a_frozen_picture_is_noticed_and_a_hovering_drone_is_not() -> None:
                 last[frame.camera] = frame
             yield arrival, frame
 
-    assert {(f.camera, f.reason) for _, f in watch(scene, frozen())} >= {("cam1", "its picture is frozen")}
+    assert {(f.camera, f.reason) for _, f in findings(scene, frozen())} >= {("cam1", "its picture is frozen")}
 
 
 def test_the_guard_asks_no_estimate() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.solving.survey_check import FALSE_ALARM, GAUGE, check_survey, check_tape
-from tools.bench.survey_network import Drawn, draw, trial
+from tools.doubles.survey_network import Drawn, draw, trial
 
 
 def drawn_of(cameras: int, seed: int) -> Drawn:

@@ -12,12 +12,13 @@ from scipy.stats import chi2
 
 from calib.observations import Frame
 from calib.sighting import CameraView
+from calib.simulation.camera import rotation
 from calib.tracking.association import assign
 from calib.tracking.filterbank import FilterBank, Look, Rays
 from calib.tracking.motion import Singer
 from calib.tracking.targets import TargetEstimate, TargetState, Tracker
 from calib.tracking.track_scores import AssociationEvidence, TrackScores
-from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make, perturbed, rotation
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make, perturbed
 
 SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=6.0)
 

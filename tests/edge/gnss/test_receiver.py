@@ -1,12 +1,8 @@
 """The receiver's thread on real ptys, sockets and files: unplugged, silent, at the wrong rate, in others' hands."""
 
 import datetime as dt
-import os
-import pty
 import socket
-import threading
 import time
-import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -20,6 +16,7 @@ from edge.gnss.port import Fault, PortError, ReceiverPort, open_port
 from edge.gnss.receiver import Receiver, check_antenna
 from tests.conftest import Until
 from tools.doubles.receiver import Place, gga, rmc
+from tools.doubles.serial_receiver import SerialReceiver
 
 PLACE = Place()
 RATE_HZ = 20.0  # of the simulated receiver's sentences; each says a second more, so that a test is soon old enough
@@ -31,45 +28,12 @@ def hurried_s() -> float:
     return 4 * time.monotonic()
 
 
-class Player:
-    """A receiver at the far end of a pty: GGA and RMC, each a second after the last by their own time."""
+class Player(SerialReceiver):
+    """GGA and RMC, each a second after the last by their own time, on a cable that is pulled and put back."""
 
     def __init__(self, link: Path) -> None:
         self.link = link
-        self.say: Callable[[dt.datetime], bytes] = lambda t: gga(t, PLACE) + rmc(t)
-        self._t = dt.datetime.now(dt.UTC).replace(microsecond=0)
-        self._stopping = threading.Event()
-        self._master: int | None = None
-        self._thread: threading.Thread | None = None
-
-    def plug(self) -> None:
-        """Appear, and begin to talk."""
-        self._master, slave = pty.openpty()
-        tty.setraw(slave)
-        os.set_blocking(self._master, False)
-        self.link.unlink(missing_ok=True)
-        self.link.symlink_to(os.ttyname(slave))
-        self._stopping.clear()
-        self._thread = threading.Thread(target=self._talk, args=(self._master, slave))
-        self._thread.start()
-
-    def unplug(self) -> None:
-        """Vanish, as a USB cable does."""
-        self._stopping.set()
-        self.link.unlink(missing_ok=True)
-        if self._thread:
-            self._thread.join()
-            self._thread = None
-
-    def _talk(self, master: int, slave: int) -> None:
-        while not self._stopping.wait(1 / RATE_HZ):
-            self._t += dt.timedelta(seconds=1)
-            try:
-                os.write(master, self.say(self._t))
-            except BlockingIOError:
-                continue
-        os.close(slave)
-        os.close(master)
+        super().__init__(lambda t: gga(t, PLACE) + rmc(t), period_s=1 / RATE_HZ, step_s=1.0, link=link)
 
 
 @pytest.fixture

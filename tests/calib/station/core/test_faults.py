@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from enum import Enum
+from itertools import chain
 
 import msgspec
 import numpy as np
@@ -12,10 +13,10 @@ from calib.network import from_toml, to_toml
 from calib.station.archive import recording
 from calib.station.archive.recording import Recorder
 from calib.station.core.station import Station
-from edge.messages import Tracks, camera_key, encode
+from edge.messages import Tracks, encode
 from tests.calib.station.conftest import Fed, station_for
-from tools.bench.station_guard import FAULTS, faulty_frames
-from tools.doubles.box_messages import SITE, Sent, messages, tracks_message
+from tools.doubles.box_messages import SITE, Sent, messages, state_messages, tracks_messages
+from tools.doubles.faults import CLOCK_STEPPED, KNOCKED, faulty_frames
 from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, make
 
 SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=20.0)
@@ -58,17 +59,10 @@ class Fault(Enum):
                 yield sent
 
     def _stream(self, scene: Scene) -> Iterator[Sent]:
-        kind = {Fault.KNOCKED: FAULTS[0], Fault.CLOCK_STEPPED: replace(FAULTS[1], step_s=0.15)}.get(self)
+        kind = {Fault.KNOCKED: KNOCKED, Fault.CLOCK_STEPPED: replace(CLOCK_STEPPED, step_s=0.15)}.get(self)
         if kind is None:
-            yield from messages(scene)
-            return
-        seq = {camera.id: 0 for camera in scene.truth}
-        yield from (sent for sent in messages(replace(scene, spec=replace(scene.spec, duration_s=0.0))))
-        cameras = {camera.id: camera for camera in scene.truth}
-        for arrival_ns, frame in faulty_frames(scene, kind, EVENT_S):
-            message = tracks_message(frame, cameras[frame.camera], seq[frame.camera])
-            seq[frame.camera] += 1
-            yield Sent(arrival_ns, camera_key(SITE, frame.camera, "tracks"), encode(message))
+            return messages(scene)
+        return chain(state_messages(scene), tracks_messages(scene, faulty_frames(scene, kind, EVENT_S)))
 
 
 def _flooded(payload: bytes, scene: Scene) -> bytes:

@@ -5,9 +5,6 @@ Screenshots are left in out/screenshots, to be looked at.
 
 import re
 import secrets
-import socket
-import subprocess
-import sys
 import threading
 import time
 import urllib.error
@@ -20,16 +17,17 @@ from typing import Any
 import pytest
 from playwright import sync_api
 
-from calib.station.archive.state_store import StateStore
 from calib.station.page.process import available
 from edge.link.link import Link
 from edge.link.settings import LinkSettings
 from edge.messages import camera_key, camera_of_key
 from tests.places import ROOT
+from tools.doubles.base import NOBODY, Base, scene_config
 from tools.doubles.box_messages import SITE, Sent, messages
 from tools.doubles.browser import browser
 from tools.doubles.feed import feed
-from tools.doubles.flight import ORIGIN, Spec, make
+from tools.doubles.flight import Spec, make
+from tools.doubles.ports import free_endpoint
 
 SCREENSHOTS = ROOT / "out" / "screenshots"
 SPEC = Spec(cameras=4, uavs=2, rate_hz=10.0, duration_s=240.0)
@@ -70,50 +68,31 @@ class Site:
     boxes: Boxes
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def _configure(folder: Path, port: int, endpoint: str, extra: str = "") -> None:
-    cameras = "".join(f'[[camera]]\nid = "cam{k}"\n' for k in range(SPEC.cameras))
-    (folder / "base.toml").write_text(
-        f'state_folder = "state"\n[site]\nname = "{SITE}"\norigin = {list(ORIGIN)}\n{cameras}'
-        f'[link]\nlisten = ["{endpoint}"]\n[recording]\nfolder = "recordings"\nmin_free_mb = 1\n'
-        f'[status]\nport = {port}\n{extra}[[mavlink.endpoint]]\nurl = "udp:127.0.0.1:9"\nprofile = ["ecef"]\n'
-    )
-    (folder / "state").mkdir()
-    with StateStore(folder / "state") as keeper:
-        keeper.store_network(make(SPEC).network)
-
-
-def _start(folder: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "calib.station.app", "run", "--config", str(folder / "base.toml")]
-    with (folder / "log.txt").open("ab") as log:
-        return subprocess.Popen(command, stderr=log, cwd=ROOT)
+def _station(folder: Path, **status: object) -> Base:
+    """A station with a stored calibration."""
+    scene = make(SPEC)
+    mavlink = {"endpoint": [NOBODY]}
+    config = scene_config(scene, free_endpoint(), status={"page": True, **status}, mavlink=mavlink)
+    station = Base(folder, config, scene.network)
+    station.start()
+    return station
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """A station with a stored calibration, and four boxes that send a flight of two objects."""
-    folder, port = tmp_path_factory.mktemp("page"), _free_port()
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
-    _configure(folder, port, endpoint)
     boxes, ready = Boxes(), list(messages(make(SPEC)))
-    station = _start(folder)
-    url = f"http://127.0.0.1:{port}"
-    assert ask(url + "/status.json")[0] == 200, (folder / "log.txt").read_text()
-    with Link(LinkSettings(connect=(endpoint,)), name="boxes") as link:
+    station = _station(tmp_path_factory.mktemp("page"))
+    assert ask(station.url + "/status.json")[0] == 200, station.log()
+    with Link(LinkSettings(connect=(station.zenoh,)), name="boxes") as link:
         for k in range(SPEC.cameras):
             link.declare_presence(camera_key(SITE, f"cam{k}"))
         thread = threading.Thread(target=feed, args=(link, boxes.sent(ready)))
         thread.start()
-        yield Site(url, folder, boxes)
+        yield Site(station.url, station.folder, boxes)
         boxes.stop.set()
         thread.join()
-    station.terminate()
-    assert station.wait(STOPPED_S) == 0, (folder / "log.txt").read_text()
+    assert station.stop(STOPPED_S) == 0, station.log()
 
 
 @pytest.fixture(scope="module")
@@ -295,14 +274,11 @@ def test_small_and_large_screens(open_page: Any, path: str, width: int, height: 
 @pytest.fixture
 def guarded(tmp_path: Path) -> Iterator[str]:
     """A station whose page wants a token."""
-    port = _free_port()
     (tmp_path / "token").write_text(TOKEN)
     (tmp_path / "token").chmod(0o600)
-    _configure(tmp_path, port, f"tcp/127.0.0.1:{_free_port()}", 'token_file = "token"\n')
-    station = _start(tmp_path)
-    yield f"http://127.0.0.1:{port}"
-    station.terminate()
-    station.wait(STOPPED_S)
+    station = _station(tmp_path, token_file="token")
+    yield station.url
+    station.stop(STOPPED_S)
 
 
 def ask(url: str, **headers: str) -> tuple[int, bytes]:

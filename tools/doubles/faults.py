@@ -1,0 +1,81 @@
+"""What goes wrong with a camera of a scene: knocked, its clock stepped, slowly tilting. And what the guard makes of it.
+
+Only raw frames go in, as in the station; cam2 is the one it happens to.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from calib.guarding.monitor import Finding, Guard
+from calib.observations import Frame
+from calib.simulation.description import Bump
+from calib.simulation.simulation import watch
+from tools.doubles.flight import T0_UNIX_NS, Scene, frames
+
+VICTIM: Final = "cam2"
+CALL_NS: Final = 100_000_000  # as the station's loop asks
+
+
+@dataclass(frozen=True)
+class CameraFault:
+    """What happens to the victim."""
+
+    name: str
+    turn_deg: float = 0.0
+    step_s: float = 0.0
+    tilt_deg_per_s: float = 0.0
+
+
+KNOCKED: Final = CameraFault("knocked by 0.3 degrees", turn_deg=0.3)
+CLOCK_STEPPED: Final = CameraFault("clock stepped by 50 ms", step_s=0.05)
+TILTING: Final = CameraFault("tilting 0.05 degrees a second", tilt_deg_per_s=0.05)
+FAULTS: Final = (KNOCKED, CLOCK_STEPPED, TILTING)
+
+
+def faulty_frames(scene: Scene, fault: CameraFault, event_s: float) -> Iterator[tuple[int, Frame]]:
+    """The scene's frames, the victim's as they are with the fault from event_s on."""
+    event_ns = T0_UNIX_NS + round(event_s * 1e9)
+    for arrival_ns, frame in frames(_knocked(scene, fault.turn_deg, event_s) if fault.turn_deg else scene):
+        late_s = (arrival_ns - event_ns) * 1e-9
+        if frame.camera != VICTIM or late_s < 0:
+            yield arrival_ns, frame
+            continue
+        tilt_px = np.radians(fault.tilt_deg_per_s * late_s) * _focal_px(scene)
+        stamp_ns = frame.t_unix_ns + round(fault.step_s * 1e9)
+        yield arrival_ns, replace(frame, t_unix_ns=stamp_ns, pixels=frame.pixels + np.array([0.0, tilt_px]))
+
+
+def findings(scene: Scene, stream: Iterator[tuple[int, Frame]]) -> list[tuple[float, Finding]]:
+    """What the guard finds, and when (s); a camera found is left out as the station would."""
+    guard = Guard()
+    guard.trust(scene.network)
+    found, due_ns = [], 0
+    for arrival_ns, frame in stream:
+        guard.observe(frame)
+        if arrival_ns >= due_ns:
+            due_ns = arrival_ns + CALL_NS
+            for finding in guard.findings(frame.t_unix_ns):
+                guard.ignore(finding.camera)
+                found.append(((arrival_ns - T0_UNIX_NS) * 1e-9, finding))
+    return found
+
+
+def _focal_px(scene: Scene) -> float:
+    return next(camera.lens.intrinsics[1] for camera in scene.truth if camera.id == VICTIM)
+
+
+def _knocked(scene: Scene, turn_deg: float, event_s: float) -> Scene:
+    """The same scene, with the same errors, the victim turned at event_s."""
+    rng = np.random.default_rng(scene.spec.seed + 77)
+    axis = rng.normal(size=2)  # across the view: a roll about it would hardly show in its middle
+    x, y = (axis / np.linalg.norm(axis) * turn_deg).tolist()
+    knock = Bump(at_s=event_s, rotation_deg=(x, y, 0.0))
+    before = scene.watched.simulation
+    cameras = tuple(
+        msgspec.structs.replace(camera, bump=(knock,)) if camera.id == VICTIM else camera for camera in before.camera
+    )
+    return replace(scene, watched=watch(msgspec.structs.replace(before, camera=cameras)))
