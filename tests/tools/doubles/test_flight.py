@@ -64,7 +64,7 @@ def test_a_knock_changes_the_knocked_camera_from_then_on_and_no_error_of_anybody
     changed = 0
     for (_, frame), (_, other) in zip(frames(scene), faulty_frames(scene, KNOCKED, event_s), strict=True):
         if frame.camera != VICTIM or frame.t_unix_ns < T0_UNIX_NS + 1.9e9:
-            assert np.array_equal(frame.pixels, other.pixels)
+            np.testing.assert_allclose(frame.pixels, other.pixels, atol=1e-9)  # summed in another order
         elif len(frame.pixels) and frame.pixels.shape == other.pixels.shape:
             # 0.3 degrees of a lens of 1300 px are 6.8 px in its middle, and a little else towards its edge.
             changed += np.linalg.norm(frame.pixels - other.pixels, axis=1).max() > 4.0
