@@ -1,7 +1,7 @@
 """site.toml: the cameras of a site and what is known of them beforehand.
 
-The contract of deploy/CONTRACTS.md, strictly read: a misspelt key would silently drop a position. What other programs may
-leave out has a default; what is unknown stays None, because "nothing is known" and "zero" are different statements.
+The contract of deploy/CONTRACTS.md, strictly read: a misspelt key would silently drop a position. What other programs
+may leave out has a default; what is unknown stays None, because "nothing is known" and "zero" are different statements.
 """
 
 from pathlib import Path
