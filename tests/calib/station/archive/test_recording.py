@@ -112,3 +112,24 @@ def test_a_folder_that_cannot_be_written_is_a_fault_not_an_exception(tmp_path: P
     recorder.write(KEYS[0], b"{}", T)
     assert "recording stopped" in recorder.fault
     recorder.close()
+
+
+def test_each_file_begins_with_what_was_said_once_and_holds_on(tmp_path: Path) -> None:
+    """Of the last of each key; a file after the first must be solved by itself, and so must one begun anew."""
+    survey, lens = "skyfix/1/s/station/survey", "skyfix/1/s/cam/cam0/lens"
+    recorder = Recorder(tmp_path, "s", max_file_mb=1, min_free_mb=1)
+    recorder.hold(survey, b'{"is":"held"}')
+    recorder.write(lens, b'{"n":1}', T)
+    recorder.write(lens, b'{"n":2}', T + 1)
+    for k in range(12):
+        recorder.write(KEYS[0], b'"' + b"x" * 100_000 + b'"', T + k * 10**9)
+    recorder.close()
+    recorder.hold(lens, b'{"n":3}')  # came while nothing was recorded
+    recorder.write(KEYS[0], b'{"n":0}', T + 99 * 10**9)
+    recorder.close()
+    first, second, third = (
+        [(message.key, message.payload) for message in read(path)] for path in sorted(tmp_path.glob("*.mcap"))
+    )
+    assert first[:3] == [(survey, b'{"is":"held"}'), (lens, b'{"n":1}'), (lens, b'{"n":2}')]
+    assert second[:2] == [(survey, b'{"is":"held"}'), (lens, b'{"n":2}')]
+    assert third == [(survey, b'{"is":"held"}'), (lens, b'{"n":3}'), (KEYS[0], b'{"n":0}')]
