@@ -65,8 +65,21 @@ class Camera:
 
     def site_time_s(self, t_unix_ns: NDArray[np.int64], v_px: Array, t_mid_unix_ns: int) -> Array:
         """Seconds (N,) of site time since t_mid_unix_ns at which rows v_px of frames stamped t_unix_ns were exposed."""
-        t = (np.asarray(t_unix_ns, np.int64) - t_mid_unix_ns) * 1e-9
-        return t + self.clock_offset_s + self.clock_rate * t + self.readout_s * v_px / self.lens.size_px[1]
+        return self.exposed_s(np.asarray((np.asarray(t_unix_ns, np.int64) - t_mid_unix_ns) * 1e-9, float), v_px)
+
+    def exposed_s(self, t_s: Array, v_px: Array) -> Array:
+        """The same (N,) of stamps that are seconds (N,) since t_mid already."""
+        return t_s + self.clock_offset_s + self.clock_rate * t_s + self.readout_s * v_px / self.lens.size_px[1]
+
+
+def pose_of(index: int) -> slice:
+    """Where the pose of the camera of that index stands in a joint covariance: rotation, then centre."""
+    return slice(POSE_SIZE * index, POSE_SIZE * (index + 1))
+
+
+def attitude_of(index: int) -> slice:
+    """Where its rotation vector alone stands there."""
+    return slice(POSE_SIZE * index, POSE_SIZE * index + 3)
 
 
 @dataclass(frozen=True)
@@ -100,14 +113,18 @@ class Network:
         """Names of all cameras."""
         return frozenset(camera.id for camera in self.cameras)
 
+    def since_mid_s(self, t_unix_ns: int) -> float:
+        """Seconds of site time at an instant of UTC."""
+        return (t_unix_ns - self.t_mid_unix_ns) * 1e-9
+
     def camera(self, camera_id: str) -> Camera | None:
         """The camera of that id, or None if it is not part of the network."""
         return next((camera for camera in self.cameras if camera.id == camera_id), None)
 
     def pose_covariance(self, camera_id: str) -> Array:
         """(6, 6) covariance of one camera's rotation vector and centre."""
-        at = POSE_SIZE * [camera.id for camera in self.cameras].index(camera_id)
-        return self.covariance[at : at + POSE_SIZE, at : at + POSE_SIZE]
+        at = pose_of([camera.id for camera in self.cameras].index(camera_id))
+        return self.covariance[at, at]
 
     @cached_property
     def fingerprint(self) -> str:

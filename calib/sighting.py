@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from calib.network import POSE_SIZE, Camera
 from edge.common.arrays import Array
-from edge.lens import distort, pixel_to_ray
+from edge.lens import Distorted, distort, pixel_to_ray
 
 BORDER_STEPS: Final = 24  # pixels looked at along each edge of the image to find its widest ray
+# A point this near (or behind) has no image: its derivatives would explode.
+NEAREST_DEPTH_M: Final = 1e-6
 MARGIN: Final = 1.02  # of that radius: a prediction may lie a little outside
 
 
@@ -25,11 +27,46 @@ class Sighting:
     pixels: Array
     by_point: Array
     by_pose: Array
-    valid: np.ndarray
+    valid: NDArray[np.bool_]
 
     def chosen(self, which: NDArray[np.intp]) -> "Sighting":
         """Those of indices (M,)."""
         return Sighting(self.pixels[which], self.by_point[which], self.by_pose[which], self.valid[which])
+
+
+def sight(camera: Camera, points_enu: Array, widest_ray: float = np.inf) -> tuple[Sighting, Distorted]:
+    """Where a camera should see points (N, 3) in ENU metres, and how its lens bends their rays there.
+
+    The collinearity equations with their derivatives. widest_ray: norm of the ray beyond which the lens model is not to
+    be asked. Invalid rows hold no usable numbers, but finite ones.
+    """
+    in_camera = (points_enu - camera.centre_enu) @ camera.R_cam_enu.T
+    ahead = in_camera[:, 2] > NEAREST_DEPTH_M
+    depth = np.where(ahead, in_camera[:, 2], 1.0)
+    rays = in_camera[:, :2] / depth[:, None]
+    valid = ahead & (np.einsum("ni,ni->n", rays, rays) < widest_ray**2)
+    rays = np.where(valid[:, None], rays, 0.0)
+    bent = distort(camera.lens, rays)
+    focal = np.array(camera.lens.intrinsics[:2])
+    by_ray = bent.by_ray * focal[:, None]
+    by_camera = np.empty((len(rays), 2, 3))
+    by_camera[:, :, :2] = by_ray / depth[:, None, None]
+    by_camera[:, :, 2] = -np.matmul(by_ray, rays[:, :, None])[:, :, 0] / depth[:, None]
+    by_point = by_camera @ camera.R_cam_enu
+    by_pose = np.empty((len(rays), 2, POSE_SIZE))
+    # d(exp(w) p)/dw = -[p]x, so each row of the derivative is the row of by_camera crossed with p.
+    by_pose[:, :, :3] = _cross(in_camera, by_camera)
+    by_pose[:, :, 3:] = -by_point
+    return Sighting(bent.xy * focal + camera.lens.intrinsics[2:], by_point, by_pose, valid), bent
+
+
+def by_lens(camera: Camera, bent: Distorted) -> Array:
+    """(N, 2, 5) derivative of pixels by fx, fy, cx, cy and the refined coefficient of the lens."""
+    derivative = np.zeros((len(bent.xy), 2, 5))
+    derivative[:, 0, 0], derivative[:, 1, 1] = bent.xy.T
+    derivative[:, 0, 2] = derivative[:, 1, 3] = 1.0
+    derivative[:, :, 4] = bent.by_coefficient * camera.lens.intrinsics[:2]
+    return derivative
 
 
 @dataclass(frozen=True)
@@ -51,24 +88,7 @@ class CameraView:
 
     def sight(self, points_enu: Array) -> Sighting:
         """Where points (N, 3) in ENU metres should be seen. Invalid rows hold no usable numbers."""
-        camera = self.camera
-        in_camera = (points_enu - camera.centre_enu) @ camera.R_cam_enu.T
-        ahead = in_camera[:, 2] > 0
-        depth = np.where(ahead, in_camera[:, 2], 1.0)
-        rays = in_camera[:, :2] / depth[:, None]
-        valid = ahead & (np.einsum("ni,ni->n", rays, rays) < self.widest_ray**2)
-        rays = np.where(valid[:, None], rays, 0.0)
-        bent = distort(camera.lens, rays)
-        focal = np.array(camera.lens.intrinsics[:2])
-        by_ray = bent.by_ray * focal[:, None]
-        by_camera = np.empty((len(rays), 2, 3))
-        by_camera[:, :, :2] = by_ray / depth[:, None, None]
-        by_camera[:, :, 2] = -np.matmul(by_ray, rays[:, :, None])[:, :, 0] / depth[:, None]
-        by_point = by_camera @ camera.R_cam_enu
-        by_pose = np.empty((len(rays), 2, POSE_SIZE))
-        by_pose[:, :, :3] = _cross(in_camera, by_camera)
-        by_pose[:, :, 3:] = -by_point
-        return Sighting(bent.xy * focal + camera.lens.intrinsics[2:], by_point, by_pose, valid)
+        return sight(self.camera, points_enu, self.widest_ray)[0]
 
     def inside(self, pixels: Array, margin_px: float = 0.0) -> np.ndarray:
         """Which pixels (N, 2) lie in the image, at least margin_px from its edge."""

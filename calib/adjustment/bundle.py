@@ -15,7 +15,7 @@ from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.noise import robust_cost, robust_weight
 from calib.adjustment.normal import Factor, Normal, NormalStep, factorise
 from calib.adjustment.priors import CameraPrior, moved
-from calib.adjustment.projection import CAMERA_SIZE, CameraData, Projected, project
+from calib.adjustment.projection import CAMERA_SIZE, CameraData, Projected, project, unknowns_of
 from calib.adjustment.smoothness import Smoothness
 from calib.adjustment.weights import Fitted, Weights, renewed, steady
 from calib.errors import CalibrationError, LensError
@@ -150,7 +150,7 @@ class _Point:
         """The normal equations of a step from here."""
         normal = Normal.zero(len(self.estimate.control), CAMERA_SIZE * len(self.projected))
         for index, part in enumerate(self.fitted()):
-            at = slice(CAMERA_SIZE * index, CAMERA_SIZE * (index + 1))
+            at = unknowns_of(index)
             sigma = self.weights.weighing_sigma_px[index] * part.data.sigma_px
             whiten = (np.sqrt(part.kept) / sigma)[:, None, None]
             image = part.image

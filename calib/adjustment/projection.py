@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.geometry.spline import Flight, Located, evaluate, velocity
-from calib.network import Camera
+from calib.network import POSE_SIZE, Camera
+from calib.sighting import by_lens, sight
 from edge.common.arrays import Array
-from edge.lens import distort
 
 # The unknowns of one camera, in the order of every Jacobian's columns.
+POSE: Final = slice(0, POSE_SIZE)  # the two that follow
 ROTATION: Final = slice(0, 3)  # rad, camera frame: R = exp(rotation) R_cam_enu
 CENTRE: Final = slice(3, 6)  # m, ENU
 OFFSET: Final = 6  # s
@@ -25,8 +26,15 @@ READOUT: Final = 8  # s
 LENS: Final = slice(9, 14)  # fx, fy, cx, cy (px), the distortion's refined coefficient
 CAMERA_SIZE: Final = 14
 
-# A point this near (or behind) has no image; its residual is set aside rather than let to explode.
-NEAREST_DEPTH: Final = 1e-6
+
+def unknowns_of(index: int) -> slice:
+    """Where the unknowns of the camera of that index stand among those of all."""
+    return slice(CAMERA_SIZE * index, CAMERA_SIZE * (index + 1))
+
+
+def centre_of(index: int) -> slice:
+    """Where its centre stands among them."""
+    return slice(CAMERA_SIZE * index + CENTRE.start, CAMERA_SIZE * index + CENTRE.stop)
 
 
 @dataclass(frozen=True)
@@ -62,8 +70,7 @@ class Projected:
 
 def site_time_s(camera: Camera, data: CameraData) -> Array:
     """(N,) site time of the observations, seconds from t_mid."""
-    row = data.pixels[:, 1] / camera.lens.size_px[1]
-    return data.t_s + camera.clock_offset_s + camera.clock_rate * data.t_s + camera.readout_s * row
+    return camera.exposed_s(data.t_s, data.pixels[:, 1])
 
 
 def project(camera: Camera, data: CameraData, flight: Flight, control: Array) -> Projected:
@@ -71,30 +78,13 @@ def project(camera: Camera, data: CameraData, flight: Flight, control: Array) ->
     t = site_time_s(camera, data)
     stretch = flight.stretch_of(t, data.target)
     located = flight.locate(t, np.maximum(stretch, 0))
-    in_camera = (evaluate(located, control) - camera.centre_enu) @ camera.R_cam_enu.T
-    in_front = in_camera[:, 2] > NEAREST_DEPTH
-    depth = np.where(in_front, in_camera[:, 2], 1.0)
-    ray = np.where(in_front[:, None], in_camera[:, :2] / depth[:, None], 0.0)
-    image = distort(camera.lens, ray)
-    focal, principal = np.array(camera.lens.intrinsics[:2]), np.array(camera.lens.intrinsics[2:])
-    residual = image.xy * focal + principal - data.pixels
-
-    by_in_camera = np.empty((len(t), 2, 3))
-    by_ray = image.by_ray * focal[:, None] / depth[:, None, None]
-    by_in_camera[:, :, :2] = by_ray
-    by_in_camera[:, :, 2] = -np.einsum("nij,nj->ni", by_ray, ray)
-    by_point = by_in_camera @ camera.R_cam_enu
-
-    by_camera = np.zeros((len(t), 2, CAMERA_SIZE))
-    # d(exp(w) p)/dw = -[p]x, so each row of the derivative is the row of by_in_camera crossed with p.
-    by_camera[:, :, ROTATION] = np.cross(in_camera[:, None, :], by_in_camera)
-    by_camera[:, :, CENTRE] = -by_point
-    by_time = np.einsum("nij,nj->ni", by_point, velocity(located, control))
+    image, bent = sight(camera, evaluate(located, control))
+    by_camera = np.empty((len(t), 2, CAMERA_SIZE))
+    by_camera[:, :, POSE] = image.by_pose
+    # The object moves on while the clock does: dX/dt is the spline's velocity, and the clock's three shift t.
+    by_time = np.einsum("nij,nj->ni", image.by_point, velocity(located, control))
     by_camera[:, :, OFFSET] = by_time
     by_camera[:, :, RATE] = by_time * data.t_s[:, None]
     by_camera[:, :, READOUT] = by_time * (data.pixels[:, 1] / camera.lens.size_px[1])[:, None]
-    by_camera[:, 0, 9] = image.xy[:, 0]
-    by_camera[:, 1, 10] = image.xy[:, 1]
-    by_camera[:, 0, 11] = by_camera[:, 1, 12] = 1.0
-    by_camera[:, :, 13] = image.by_coefficient * focal
-    return Projected(residual, by_point, by_camera, located, in_front & (stretch >= 0))
+    by_camera[:, :, LENS] = by_lens(camera, bent)
+    return Projected(image.pixels - data.pixels, image.by_point, by_camera, located, image.valid & (stretch >= 0))

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.adjustment.bundle import Adjusted, Problem
 from calib.adjustment.normal import local_covariance
-from calib.adjustment.projection import CAMERA_SIZE, Projected
+from calib.adjustment.projection import Projected, unknowns_of
 from calib.geometry.spline import ORDER, Located
 from edge.common.arrays import Array
 
@@ -43,7 +43,7 @@ def prediction_px2(adjusted: Adjusted, problem: Problem, index: int, image: Proj
     flight = np.einsum("ni,niajb,nj->nab", w, local, w, optimize=True)
     carried = adjusted.factor.carried.reshape(-1, 3, len(cameras))
     by_all = -image.by_point @ sum(w[:, i, None, None] * carried[four[:, i]] for i in range(ORDER))
-    by_all[:, :, CAMERA_SIZE * index : CAMERA_SIZE * (index + 1)] += image.by_camera
+    by_all[:, :, unknowns_of(index)] += image.by_camera
     total = np.einsum("nia,nab,nib->n", image.by_point, flight, image.by_point, optimize=True)
     total += np.einsum("nik,nik->n", by_all @ cameras, by_all)
     mean: Array = total / 2

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from calib.adjustment.flight import FlightEstimate, jerk
 from calib.adjustment.noise import SMALLEST_SIGMA_PX, mean_square_px
 from calib.adjustment.normal import Factor, Normal, local_covariance
-from calib.adjustment.projection import CAMERA_SIZE, CameraData, Projected, site_time_s
+from calib.adjustment.projection import CameraData, Projected, site_time_s, unknowns_of
 from calib.geometry.spline import ORDER, THIRD_DIFFERENCE
 from edge.common.arrays import Array
 
@@ -133,7 +133,7 @@ def _block_scores(old: Weights, estimate: FlightEstimate, fitted: tuple[Fitted, 
     for index, (part, block) in enumerate(zip(fitted, blocks, strict=True)):
         weight = part.kept / (old.weighing_sigma_px[index] * part.data.sigma_px) ** 2
         weighted = part.image.residual * weight[:, None]
-        at = slice(CAMERA_SIZE * index, CAMERA_SIZE * (index + 1))
+        at = unknowns_of(index)
         np.add.at(on_cameras[:, at], block, np.einsum("nij,ni->nj", part.image.by_camera, weighted))
         pull = np.einsum("nij,ni->nj", part.image.by_point, weighted)
         row = (block * controls)[:, None] + part.image.located.controls()

@@ -88,12 +88,6 @@ def triangulate(rays: list[Array], rotations: list[Array], centres: list[Array])
     return points
 
 
-def depths(points: Array, R: Array, centre: Array) -> Array:
-    """(N,) distances of points along a camera's optical axis; negative behind it."""
-    along: Array = (points - centre) @ R[2]
-    return along
-
-
 def reprojection(points: Array, rays: Array, R: Array, centre: Array) -> Array:
     """(N,) distances in ray units between where points appear and rays (N, 2); infinite behind the camera."""
     in_camera = (points - centre) @ R.T

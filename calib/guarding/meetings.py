@@ -9,15 +9,15 @@ from typing import Final
 
 import numpy as np
 
+from calib.geometry.rays import LEAST_SINE2, nearest_point
 from calib.guarding.raytracks import SAMPLES, RayTracks
-from calib.network import POSE_SIZE, Camera, Network
+from calib.network import Camera, Network, attitude_of
 from edge.common.arrays import Array
 
 MATCH_SIGMA: Final = 3.0  # two rays meet
 NOISE_SHARE: Final = 0.6  # of a network's residual, in the median of SAMPLES detections
 LEAST_NOISE_PX: Final = 0.4  # a lens model is no better
 MIN_COMMON: Final = 4  # instants, of SAMPLES, that both tracks must have
-MIN_SINE2: Final = 1e-4  # of the angle between rays: 0.6 degrees; flatter tells no range
 NEAREST_M: Final = 1.0
 
 
@@ -102,14 +102,11 @@ class _Crossing:
 
 def _cross(one: Camera, other: Camera, a: Array, b: Array) -> _Crossing:
     """Rays a (A, 1, S, 3) of one camera and b (A, B, S, 3) of another."""
-    base = other.centre_enu - one.centre_enu
-    cosine = np.einsum("abni,abni->abn", a + 0 * b, b)
-    sine2 = np.maximum(1 - cosine**2, 1e-9)
-    along_a, along_b = a @ base, b @ base
-    range_a, range_b = (along_a - cosine * along_b) / sine2, (cosine * along_a - along_b) / sine2
-    range_a = np.where(sine2 > MIN_SINE2, range_a, np.nan)
-    on_a, on_b = one.centre_enu + range_a[..., None] * a, other.centre_enu + range_b[..., None] * b
-    return _Crossing((on_a + on_b) / 2, np.linalg.norm(on_a - on_b, axis=-1), (range_a, range_b), np.sqrt(sine2))
+    near = nearest_point(one.centre_enu, a, other.centre_enu, b)
+    steep = near.sine2 > LEAST_SINE2
+    points = np.where(steep[..., None], near.points, np.nan)
+    ranges = np.where(steep, near.range_a_m, np.nan), near.range_b_m
+    return _Crossing(points, np.where(steep, near.gap_m, np.nan), ranges, np.sqrt(near.sine2))
 
 
 def _choose(miss: Array) -> list[tuple[int, int]]:
@@ -140,5 +137,5 @@ def median_low(values: Array) -> Array:
 
 def attitude_sigma(network: Network, camera_id: str) -> float:
     """One sigma, rad, of the worst axis of a camera's attitude."""
-    at = POSE_SIZE * [camera.id for camera in network.cameras].index(camera_id)
-    return float(np.sqrt(np.max(np.diag(network.covariance)[at : at + 3])))
+    at = attitude_of([camera.id for camera in network.cameras].index(camera_id))
+    return float(np.sqrt(np.max(np.diag(network.covariance)[at])))

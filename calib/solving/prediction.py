@@ -11,11 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from calib.adjustment.projection import CAMERA_SIZE, LENS
-from calib.network import POSE_SIZE, Camera
-from calib.sighting import CameraView
+from calib.adjustment.projection import CAMERA_SIZE, LENS, POSE, unknowns_of
+from calib.network import Camera
+from calib.sighting import CameraView, by_lens, sight
 from edge.common.arrays import Array
-from edge.lens import distort
 
 DIRECTIONS: Final = 1200  # over the whole sphere, for drones fly below cameras on roofs: six degrees apart
 
@@ -50,13 +49,14 @@ def predict(cameras: tuple[Camera, ...], sigma_px: Array, covariance: Array, poi
     seeing = np.zeros(n, np.int64)
     for index, camera in enumerate(cameras):
         view = CameraView.of(camera)
-        image = view.sight(points_enu)
+        image, bent = sight(camera, points_enu, view.widest_ray)
         seen = image.valid & view.inside(image.pixels)
         weight = seen / sigma_px[index] ** 2
         transposed = image.by_point.transpose(0, 2, 1) * weight[:, None, None]
         information += transposed @ image.by_point
-        by_camera = _by_unknowns(camera, image.by_pose, points_enu)
-        coupling[:, :, CAMERA_SIZE * index : CAMERA_SIZE * (index + 1)] = transposed @ by_camera
+        by_camera = np.zeros((n, 2, CAMERA_SIZE))  # clock and readout move nothing that rests
+        by_camera[:, :, POSE], by_camera[:, :, LENS] = image.by_pose, by_lens(camera, bent)
+        coupling[:, :, unknowns_of(index)] = transposed @ by_camera
         seeing += seen
     known = seeing >= 2
     pixels = np.full((n, 3, 3), np.nan)
@@ -66,24 +66,10 @@ def predict(cameras: tuple[Camera, ...], sigma_px: Array, covariance: Array, poi
     return PredictedAccuracy(seeing, pixels, network, _shares(by_all, covariance, c))
 
 
-def _by_unknowns(camera: Camera, by_pose: Array, points_enu: Array) -> Array:
-    """(N, 2, 14) derivative of the pixels; clock and readout move nothing that rests."""
-    in_camera = (points_enu - camera.centre_enu) @ camera.R_cam_enu.T
-    rays = in_camera[:, :2] / np.where(in_camera[:, 2:] > 0, in_camera[:, 2:], np.inf)
-    bent = distort(camera.lens, rays)
-    by_all = np.zeros((len(points_enu), 2, CAMERA_SIZE))
-    by_all[:, :, :POSE_SIZE] = by_pose
-    first = LENS.start
-    by_all[:, 0, first], by_all[:, 1, first + 1] = bent.xy.T
-    by_all[:, 0, first + 2] = by_all[:, 1, first + 3] = 1.0
-    by_all[:, :, first + 4] = bent.by_coefficient * camera.lens.intrinsics[:2]
-    return by_all
-
-
 def _shares(by_all: Array, covariance: Array, cameras: int) -> Array:
     columns = []
     for index in range(cameras):
-        at = slice(CAMERA_SIZE * index, CAMERA_SIZE * (index + 1))
+        at = unknowns_of(index)
         own = by_all[:, :, at]
         columns.append(np.einsum("nij,jk,nik->n", own, covariance[at, at], own, optimize=True))
     return np.stack(columns, axis=1)

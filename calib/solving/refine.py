@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from calib.adjustment.bundle import Adjusted, Problem, adjust
 from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
-from calib.adjustment.projection import CAMERA_SIZE, CENTRE, ROTATION
+from calib.adjustment.projection import ROTATION, centre_of
 from calib.adjustment.weights import Weights
 from calib.errors import CalibrationError
 from calib.network import Camera
@@ -172,7 +172,7 @@ def survey_check(adjusted: Adjusted, problem: Problem) -> NetworkCheck | None:
     used = [index for index, prior in enumerate(problem.priors) if prior.centre_information.any()]
     if 3 * len(used) <= GAUGE:
         return None
-    at = np.concatenate([CAMERA_SIZE * index + np.arange(CENTRE.start, CENTRE.stop) for index in used])
+    at = np.r_[tuple(centre_of(index) for index in used)]
     return check_survey(
         [adjusted.estimate.cameras[index].id for index in used],
         np.array([problem.priors[index].mean.centre_enu for index in used]),

@@ -12,7 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.adjustment.bundle import Adjusted, Problem
-from calib.adjustment.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT, CameraData, site_time_s
+from calib.adjustment.projection import (
+    CAMERA_SIZE,
+    CENTRE,
+    LENS,
+    OFFSET,
+    RATE,
+    READOUT,
+    ROTATION,
+    CameraData,
+    centre_of,
+    site_time_s,
+)
 from calib.adjustment.uncertainty import camera_covariance, position_covariance
 from calib.geometry.spline import Flight, evaluate
 from calib.network import POSE_SIZE, Network
@@ -152,8 +163,8 @@ def camera_reports(
                 lens_after=camera.lens,
                 sigma_lens=tuple(own[LENS].tolist()),
                 centre_enu=tuple(camera.centre_enu.tolist()),
-                sigma_centre_m=tuple(own[3:6].tolist()),
-                sigma_attitude_rad=tuple(own[0:3].tolist()),
+                sigma_centre_m=tuple(own[CENTRE].tolist()),
+                sigma_attitude_rad=tuple(own[ROTATION].tolist()),
                 survey_misfit_m=None if misfit is None else tuple(misfit.tolist()),
             )
         )
@@ -165,7 +176,7 @@ def weakest(adjusted: Adjusted, problem: Problem) -> tuple[str, float, tuple[flo
     covariance = camera_covariance(adjusted, problem)
     found = []
     for index, camera in enumerate(adjusted.estimate.cameras):
-        at = slice(CAMERA_SIZE * index + 3, CAMERA_SIZE * index + 6)
+        at = centre_of(index)
         values, vectors = np.linalg.eigh(covariance[at, at])
         found.append((float(np.sqrt(max(values[-1], 0))), camera.id, vectors[:, -1]))
     sigma, name, direction = max(found, key=lambda entry: entry[0])

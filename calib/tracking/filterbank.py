@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.network import POSE_SIZE, Network
+from calib.network import POSE_SIZE, Network, pose_of
 from calib.sighting import CameraView, Sighting
 from calib.tracking.motion import STATE, Singer
 from edge.common.arrays import Array
@@ -206,7 +206,7 @@ class FilterBank:
 
     def expect(self, prediction: PredictedStates, sighting: Sighting, camera: int) -> Expected:
         """What camera number `camera` should see, without the detector's own noise."""
-        H, at = sighting.by_point, slice(POSE_SIZE * camera, POSE_SIZE * (camera + 1))
+        H, at = sighting.by_point, pose_of(camera)
         drift = np.matmul(H, prediction.state[:, 3:6, None])[:, :, 0]
         seen = np.matmul(np.matmul(H, prediction.covariance[:, :3, :3]), H.transpose(0, 2, 1))
         with_pose = np.matmul(prediction.transition[:, :3], self.with_poses[:, :, at])
@@ -220,7 +220,7 @@ class FilterBank:
 
         Returns each one's normalised innovation squared (NIS) (K,), 2 degrees of freedom.
         """
-        at = slice(POSE_SIZE * look.camera, POSE_SIZE * (look.camera + 1))
+        at = pose_of(look.camera)
         transition, with_pose = prediction.transition[which], self.with_poses[which, :, at]
         before = _Before(
             prediction.state[which],

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.geometry.rays import LEAST_SINE2, nearest_point
 from calib.network import Network
 from calib.tracking.motion import Singer
 from calib.tracking.options import Limits
@@ -67,20 +68,12 @@ class _Scan:
 
     def _meet(self, first: NDArray[np.int64], second: NDArray[np.int64], bearings: Array) -> tuple[Array, Array]:
         """By how many sigma pairs of rays miss each other (inf where they do not meet), and where they meet."""
-        a, b = bearings[first], bearings[second]
-        base = self._centre[second] - self._centre[first]
-        cosine = np.einsum("ni,ni->n", a, b)
-        along_a, along_b = np.einsum("ni,ni->n", a, base), np.einsum("ni,ni->n", b, base)
-        sine2 = np.maximum(1 - cosine**2, 1e-9)
-        range_a = (along_a - cosine * along_b) / sine2
-        range_b = (cosine * along_a - along_b) / sine2
-        on_a = self._centre[first] + range_a[:, None] * a
-        on_b = self._centre[second] + range_b[:, None] * b
+        near = nearest_point(self._centre[first], bearings[first], self._centre[second], bearings[second])
+        range_a, range_b = near.range_a_m, near.range_b_m
         sigma = np.sqrt((self._sigma[first] * range_a) ** 2 + (self._sigma[second] * range_b) ** 2 + SIGMA_FLOOR_M**2)
         nearest, farthest = np.minimum(range_a, range_b), np.maximum(range_a, range_b)
-        possible = (nearest > self._limits.min_range_m) & (farthest < self._limits.max_range_m) & (sine2 > 1e-4)
-        miss = np.linalg.norm(on_a - on_b, axis=1) / sigma
-        return np.where(possible, miss, np.inf), (on_a + on_b) / 2
+        possible = (nearest > self._limits.min_range_m) & (farthest < self._limits.max_range_m)
+        return np.where(possible & (near.sine2 > LEAST_SINE2), near.gap_m / sigma, np.inf), near.points
 
     def _with_support(self, first: int, second: int, early: Array, late: Array) -> list[int]:
         """The pair and, from every other camera, the tracklet that comes nearest, if near enough."""

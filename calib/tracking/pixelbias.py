@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from calib.network import POSE_SIZE, Camera, Network
+from calib.network import Camera, Network, pose_of
 
 MEMORY_S: Final = 1.0  # s the filter looks back on while an object turns: errors that last longer it cannot tell
 WHITE_S: Final = 0.1  # s: errors gone so soon are noise: a few frames
@@ -32,6 +32,8 @@ def with_bias(network: Network) -> Network:
     """The network with every camera's lasting pixel error in its attitude's covariance, each camera's its own."""
     covariance = network.covariance.copy()
     for k, camera in enumerate(network.cameras):
-        across = POSE_SIZE * k + np.arange(2)  # turns about the image's axes move a pixel; one about the third does not
+        across = (
+            np.arange(2) + pose_of(k).start
+        )  # turns about the image's axes move a pixel; one about the third does not
         covariance[across, across] += bias_rad(camera) ** 2
     return replace(network, covariance=covariance)

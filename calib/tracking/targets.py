@@ -101,7 +101,7 @@ class Tracker:
 
     def site_time_s(self, t_unix_ns: int) -> float:
         """Site time of an instant of UTC."""
-        return (t_unix_ns - self.network.t_mid_unix_ns) * 1e-9
+        return self.network.since_mid_s(t_unix_ns)
 
     def exchange(self, network: Network) -> None:
         """Go on with another network, without a jump."""

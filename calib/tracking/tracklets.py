@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from calib.network import POSE_SIZE, Network
+from calib.network import POSE_SIZE, Network, attitude_of, pose_of
 from calib.tracking.motion import STATE, Singer
 from calib.tracking.options import Limits
 from edge.common.arrays import Array
@@ -147,8 +147,8 @@ def _rays(members: Sequence[Tracklet], network: Network, after_s: Array) -> _Ray
 
 def bearing_sigma(tracklet: Tracklet, network: Network) -> float:
     """One sigma, rad, of a tracklet's rays, the camera's attitude included."""
-    at = POSE_SIZE * tracklet.camera
-    attitude = np.trace(network.covariance[at : at + 3, at : at + 3]) / 3
+    at = attitude_of(tracklet.camera)
+    attitude = np.trace(network.covariance[at, at]) / 3
     return float(np.hypot(tracklet.sigma_rad, np.sqrt(max(attitude, 0.0))))
 
 
@@ -157,9 +157,8 @@ def _by_pose(rays: _Rays, network: Network, weight: Array, range_m: Array) -> Ar
     by_pose = np.zeros((len(weight), 2, POSE_SIZE * len(network.cameras)))
     for k, c in enumerate(rays.camera.astype(int)):
         turned = np.cross(network.cameras[c].R_cam_enu, rays.bearings[k]).T  # columns: the ray, turned about an axis
-        at = POSE_SIZE * c
-        by_pose[k, :, at : at + 3] = rays.across[k] @ turned * (range_m[k] * weight[k])
-        by_pose[k, :, at + 3 : at + 6] = -rays.across[k] * weight[k]
+        by_rotation = rays.across[k] @ turned * (range_m[k] * weight[k])
+        by_pose[k, :, pose_of(c)] = np.hstack([by_rotation, -rays.across[k] * weight[k]])
     return by_pose
 
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from calib.geometry.similarity import fit_similarity
-from calib.geometry.twoview import decompose, depths, essential_by_svd, triangulate
+from calib.geometry.twoview import decompose, essential_by_svd, triangulate
 from calib.observations import Scene
 from calib.solving.solve import SolveOptions, solve
 from edge.common.arrays import Array
@@ -41,7 +41,7 @@ def _relative_pose(rays1: Array, rays2: Array) -> tuple[Array, Array]:
         R, t = pose
         centre = -R.T @ t
         points = triangulate([rays1, rays2], [np.eye(3), R], [np.zeros(3), centre])
-        return int(((depths(points, np.eye(3), np.zeros(3)) > 0) & (depths(points, R, centre) > 0)).sum())
+        return int(((points[:, 2] > 0) & ((points - centre) @ R[2] > 0)).sum())
 
     return max(decompose(essential_by_svd(rays1, rays2)), key=in_front)
 

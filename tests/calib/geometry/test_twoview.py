@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from calib.geometry.twoview import (
     decompose,
-    depths,
     essential_by_svd,
     essential_robust,
     relative_poses,
@@ -102,5 +101,4 @@ def test_too_few_rays_give_no_pose() -> None:
 
 def test_behind_the_camera_is_infinitely_far_off() -> None:
     behind = np.array([[0.0, 0.0, -5.0]])
-    assert depths(behind, np.eye(3), np.zeros(3))[0] == -5.0
     assert np.isinf(reprojection(behind, np.zeros((1, 2)), np.eye(3), np.zeros(3))[0])
