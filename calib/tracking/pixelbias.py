@@ -32,8 +32,7 @@ def with_bias(network: Network) -> Network:
     """The network with every camera's lasting pixel error in its attitude's covariance, each camera's its own."""
     covariance = network.covariance.copy()
     for k, camera in enumerate(network.cameras):
-        across = (
-            np.arange(2) + pose_of(k).start
-        )  # turns about the image's axes move a pixel; one about the third does not
+        # Turns about the image's axes move a pixel; one about the third does not.
+        across = pose_of(k).start + np.arange(2)
         covariance[across, across] += bias_rad(camera) ** 2
     return replace(network, covariance=covariance)

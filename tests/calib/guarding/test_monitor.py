@@ -2,11 +2,9 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import calib.guarding.monitor
-from calib.guarding.diagnosis import Residual, diagnose
 from calib.guarding.monitor import Guard
 from tools.doubles.faults import FAULTS, faulty_frames, findings
 from tools.doubles.flight import T0_UNIX_NS, Spec, frames, make
@@ -68,21 +66,3 @@ def test_a_stored_network_is_accepted_only_if_rays_agree(right: bool) -> None:
         guard.observe(frame)
         verdict = guard.agrees(network, frame.t_unix_ns) if verdict is None else verdict
     assert verdict is right
-
-
-def test_noise_alone_is_no_fault_and_a_knock_beyond_the_expected_always() -> None:
-    rng = np.random.default_rng(1)
-
-    def residuals(off: tuple[float, float], expected_px: float) -> list[Residual]:
-        velocity = rng.normal(0, 30, (20, 2))
-        return [
-            Residual(T0_UNIX_NS + k * 10**8, rng.normal(off, 1.0), velocity[k], 1.0, expected_px) for k in range(20)
-        ]
-
-    now = T0_UNIX_NS + 2 * 10**9
-    assert diagnose(residuals((0, 0), 0.5), now) is None
-    assert diagnose(residuals((5, 3), 2.0), now) is None, "that much is expected"
-    fault = diagnose(residuals((8, 3), 0.5), now)
-    assert fault is not None
-    assert fault.knock_px == pytest.approx(np.hypot(8, 3), abs=1.0)
-    assert diagnose(residuals((8, 3), 0.5)[:4], now) is None, "four residuals are not enough"

@@ -2,23 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import permutations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from calib.observations import Frame
-from calib.sighting import CameraView
-from calib.simulation.camera import rotation
-from calib.tracking.association import assign
-from calib.tracking.filterbank import FilterBank, Look, Rays
-from calib.tracking.motion import Singer
 from calib.tracking.targets import TargetEstimate, TargetState, Tracker
-from calib.tracking.track_scores import AssociationEvidence, TrackScores
-from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make, perturbed
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make
 
 SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=6.0)
 
@@ -211,158 +202,3 @@ def test_the_same_frames_give_the_same_bytes() -> None:
     scene = make(SPEC)
     one, other = (track(scene)[1] for _ in range(2))
     assert [e.position_enu.tobytes() for e in one] == [e.position_enu.tobytes() for e in other]
-
-
-# Parts
-
-
-@given(dt=st.floats(0.001, 1.0), tau=st.floats(1.0, 5.0))
-def test_motion_goes_there_and_back_and_in_two_steps_as_in_one(dt: float, tau: float) -> None:
-    model = Singer(tau, 3.0)
-    there, back = model.transition(np.array([dt])), model.transition(np.array([-dt]))
-    np.testing.assert_allclose(there @ back, np.eye(9)[None], atol=1e-6 * np.exp(dt / tau))
-    half = model.transition(np.array([dt / 2]))
-    noise = model.noise(np.array([dt / 2]))
-    twice = half @ noise @ half.transpose(0, 2, 1) + noise
-    # Four Gauss-Legendre nodes are exact for the polynomial part; the exponential leaves (dt / tau)^8.
-    np.testing.assert_allclose(twice, model.noise(np.array([dt])), rtol=1e-3, atol=1e-9)
-
-
-def test_derivatives_of_a_sighting_are_those_of_finite_differences() -> None:
-    camera, step = make(SPEC).truth[0], 1e-6
-    points = np.array([[3.0, 2.0, 40.0], [-20.0, 15.0, 60.0]])
-    seen = CameraView.of(camera).sight(points)
-    np.testing.assert_allclose(seen.pixels, camera.project(points), atol=1e-9)
-    for k in range(3):
-        moved = CameraView.of(camera).sight(points + np.eye(3)[k] * step).pixels
-        np.testing.assert_allclose((moved - seen.pixels) / step, seen.by_point[:, :, k], rtol=1e-4, atol=1e-4)
-    for k in range(6):
-        moved = CameraView.of(perturbed(camera, np.eye(6)[k] * step)).sight(points).pixels
-        np.testing.assert_allclose((moved - seen.pixels) / step, seen.by_pose[:, :, k], rtol=1e-3, atol=2e-3)
-
-
-def test_points_behind_a_camera_are_never_valid() -> None:
-    camera = make(SPEC).truth[0]
-    behind = camera.centre_enu - camera.R_cam_enu[2] * np.array([[10.0], [100.0]])
-    assert not CameraView.of(camera).sight(behind).valid.any()
-
-
-@given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 5), columns=st.integers(1, 5))
-def test_assignment_is_the_best_of_all(seed: int, rows: int, columns: int) -> None:
-    cost = np.random.default_rng(seed).uniform(0, 30, (rows, columns))
-    gain = np.minimum(cost - 16.0, 0.0)
-    found = assign(cost)
-    wide = np.zeros((rows, columns + rows))
-    wide[:, :columns] = gain
-    best = min(sum(wide[r, c] for r, c in enumerate(order)) for order in permutations(range(columns + rows), rows))
-    assert sum(gain[r, c] for r, c in found) == pytest.approx(best)
-    assert all(cost[r, c] < 16.0 for r, c in found)
-
-
-def test_a_filter_that_only_predicts_stays_a_covariance() -> None:
-    scene = make(SPEC)
-    bank = FilterBank(scene.network, Singer())
-    bank.add(np.r_[0, 0, 50, 3, 0, 0, 0, 0, 0].astype(float), np.eye(9), np.zeros((9, 24)), 0.0)
-    view = CameraView.of(scene.network.cameras[0])
-    for k in range(1, 200):
-        prediction = bank.predict(k / 30)
-        seen = view.sight(prediction.state[:, :3])
-        rays = Rays(seen.pixels + 0.3, np.zeros(1), np.ones(1))
-        bank.update(prediction, np.array([0]), Look(0, view, seen, rays))
-    values = np.linalg.eigvalsh(bank.covariance[0])
-    assert values[0] > 0
-    np.testing.assert_allclose(bank.covariance[0], bank.covariance[0].T)
-    assert np.linalg.det(rotation(np.array([0.1, 0.2, 0.3]))) == pytest.approx(1.0)
-
-
-def test_the_second_camera_that_finds_a_target_again_tells_where_it_is_and_how_surely() -> None:
-    """One camera alone leaves the range open; a tangent at a range metres off would end in a sure and false place."""
-    scene = make(replace(SPEC, sigma_attitude_rad=0.0, sigma_centre_m=0.0))
-    cameras, mahalanobis2s = scene.network.cameras, []
-    rng = np.random.default_rng(7)
-    for _ in range(100):
-        truth = np.array([*rng.uniform(-20, 20, 2), rng.uniform(20, 40)])
-        ahead = truth - cameras[0].centre_enu
-        along = ahead / np.linalg.norm(ahead)
-        bank = FilterBank(scene.network, Singer())
-        P = np.diag([0.05**2] * 3 + [1.0] * 3 + [4.0] * 3)
-        P[:3, :3] += 15.0**2 * np.outer(along, along)  # m: half a second of range unseen costs metres, two dozens
-        off = rng.multivariate_normal(np.zeros(9), P, method="cholesky")
-        bank.add(np.r_[truth, np.zeros(6)] + off, P, np.zeros((9, 24)), 0.0)
-        prediction, view = bank.predict(0.0), CameraView.of(cameras[1])
-        pixel = cameras[1].project(truth[None]) + rng.normal(0, 0.5, (1, 2))
-        rays = Rays(pixel, np.zeros(1), np.full(1, 0.5))
-        bank.update(prediction, np.array([0]), Look(1, view, view.sight(prediction.state[:, :3]), rays))
-        miss = bank.state[0, :3] - truth
-        mahalanobis2s.append(float(miss @ np.linalg.solve(bank.covariance[0, :3, :3], miss)))
-    # 3 expected; the mean of 100 lies below 3.8 in 999 of 1000 cases, and what is left of the bend costs a little.
-    assert np.mean(mahalanobis2s) < 4.5
-
-
-def test_a_calm_flight_is_not_believed_to_stay_calm_where_nobody_measures_its_range() -> None:
-    scene = make(SPEC)
-    bank = FilterBank(scene.network, Singer())
-    bank.add(np.r_[0, 0, 50, 3, 0, 0, 0, 0, 0].astype(float), np.eye(9) * 1e-4, np.zeros((9, 24)), 0.0)
-    bank.manoeuvre_factor[:] = 0.02
-    spread_m = []
-    for watched in (True, False):
-        bank.watched[:] = watched
-        spread_m.append(float(np.sqrt(np.trace(bank.predict(2.0).covariance[0, :3, :3]))))
-    assert spread_m[1] == pytest.approx(spread_m[0] / np.sqrt(0.02), rel=0.05)
-
-
-def one_target(last_s: float) -> TrackScores:
-    """A confirmed target that two cameras saw until last_s."""
-    scores = TrackScores(2)
-    scores.add(1, 0.0, ((0, 5), (1, 5)))
-    for t_s in np.arange(0.0, last_s, 1 / 30):
-        for camera in (0, 1):
-            scores.hit(
-                camera, np.array([0]), float(t_s), AssociationEvidence(np.array([5]), np.array([8.0]), np.array([2.0]))
-            )
-    scores.confirm()
-    assert scores.confirmed.all()
-    return scores
-
-
-def test_one_detection_where_a_target_was_last_seen_is_not_its_return_but_three_are() -> None:
-    """A coasting target's gate is metres wide; sooner or later some clutter falls into it, which is worth little."""
-    scores = one_target(1.0)
-    scores.hold_back_unseen(2.0)
-    weak = AssociationEvidence(np.array([9]), np.array([4.0]), np.array([2.0]))
-    before_s = float(scores.last_s[0])
-    scores.hit(0, np.array([0]), 2.0, weak)
-    assert scores.last_s[0] == before_s
-    for t_s in (2.03, 2.07):
-        scores.hit(1, np.array([0]), t_s, weak)
-    assert scores.last_s[0] == 2.07
-
-
-def test_a_target_that_many_frames_deny_is_not_kept_alive_by_a_hit_now_and_then() -> None:
-    scores = one_target(1.0)
-    last_s = float(scores.last_s[0])
-    for k in range(60):
-        scores.miss(1, np.array([0]), float(np.log(0.2)))
-        if k % 10 == 0:
-            scores.hit(
-                0, np.array([0]), 1.0 + k / 30, AssociationEvidence(np.array([5]), np.array([8.0]), np.array([2.0]))
-            )
-    assert scores.last_s[0] < last_s + 1.1
-
-
-def test_a_target_that_one_camera_alone_goes_on_seeing_may_already_be_turning() -> None:
-    scene = make(SPEC)
-    bank = FilterBank(scene.network, Singer())
-    for manoeuvre_factor in (0.02, 4.0):
-        bank.add(np.r_[0, 0, 50, 3, 0, 0, 0, 0, 0].astype(float), np.eye(9) * 1e-4, np.zeros((9, 24)), 0.0)
-        bank.manoeuvre_factor[-1] = manoeuvre_factor
-    bank.watch(np.array([1, 1]))
-    once = bank.covariance.copy()
-    bank.watch(np.array([1, 1]))
-    np.testing.assert_array_equal(bank.covariance, once)
-    unseen = replace(bank, covariance=np.stack([np.eye(9) * 1e-4] * 2))
-    unseen.watch(np.array([0, 0]))
-    assert unseen.covariance[0, 8, 8] == 1e-4, "one that nobody sees coasts, and is soon lost anyway"
-    calm, wild = once[:, 8, 8]
-    assert calm == pytest.approx(Singer().sigma_m_s2 ** 2 * 0.98, rel=1e-3)
-    assert wild == 1e-4
