@@ -118,6 +118,7 @@ def factorise(normal: Normal, damping: float = 0.0) -> Factor:
     band = cholesky_banded(_banded(normal.block, damping))
     B = normal.border.reshape(-1, K)
     carried = cho_solve_banded((band, False), B)
+    # The reduced camera system (Triggs et al. 2000, section 6): S = C - B' A^-1 B.
     schur = normal.corner * (1 + damping * np.eye(K)) - B.T @ carried
     # Unknowns in radians and in pixels side by side: scaled to a unit diagonal before they are inverted.
     scale = 1 / np.sqrt(np.maximum(np.diag(schur), np.finfo(float).tiny))
@@ -154,6 +155,7 @@ def local_covariance(block: Array) -> Array:
     conditional = np.empty((count, size, size))
     pivot = diagonal[0]
     for i in range(count):
+        # Forward: the block Cholesky's pivots, D_i = A_ii - A_i,i-1 D_i-1^-1 A_i-1,i, and G_i = D_i^-1 A_i,i+1.
         conditional[i] = np.linalg.inv(pivot)
         gain[i] = conditional[i] @ above[i]
         if i + 1 < count:
@@ -189,6 +191,7 @@ def _backward(conditional: Array, gain: Array, M: int) -> Array:
     for i in range(count - 1, -1, -1):
         joint[size:, size:] = own
         if i < count - 1:
+            # Takahashi's recursion: S_i,i+1 = -G_i S_i+1,i+1 and S_ii = D_i^-1 + G_i S_i+1,i+1 G_i'.
             cross = -gain[i] @ own
             joint[:size, size:], joint[size:, :size] = cross, cross.T
             own = conditional[i] - cross @ gain[i].T

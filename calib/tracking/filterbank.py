@@ -111,6 +111,7 @@ class _Before:
         H[:, :, 3:6] = seen.by_point * rays.after_s[:, None, None]
         by_pose_t = seen.by_pose.transpose(0, 2, 1)
         there = np.matmul(self.covariance, H.transpose(0, 2, 1)) + np.matmul(self.with_pose, by_pose_t)
+        # S = H P H' + H C J' + J C' H' + J R J' + noise (Schmidt 1966): C with the pose, R the pose's, J = by_pose.
         S = np.matmul(H, there)
         S += np.matmul(np.matmul(H, self.with_pose) + np.matmul(seen.by_pose, self.pose), by_pose_t)
         S[:, 0, 0] += rays.sigma_px**2
