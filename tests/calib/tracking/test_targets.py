@@ -95,7 +95,8 @@ def test_a_prediction_is_of_the_instant_asked_for_also_where_a_frame_is_stamped_
         (last,) = (own for own in tracker.estimates(tracker.newest_s) if own.track == e.track)
         # Within the 0.1 s at most between the two, an acceleration of 4 m/s^2 moves it by 2 cm off its tangent.
         np.testing.assert_allclose(e.position_enu, at(last, e.t_unix_ns), atol=0.02)
-        assert np.trace(e.covariance) >= np.trace(last.covariance)
+        # Ahead it grows; a little back, where position and velocity err together, it need not.
+        assert after_s < 0 or np.trace(e.covariance) >= np.trace(last.covariance)
 
 
 def test_rays_later_than_the_horizon_move_nothing() -> None:
