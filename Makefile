@@ -19,8 +19,8 @@ setup: .venv/installed
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 		{ echo "$(PYTHON) cannot make an environment: apt install python3-venv"; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(PIP) install -r requirements.lock
-	$(PIP) install --no-deps --editable .
+	$(PIP) install --require-hashes -r requirements.lock
+	$(PIP) install --no-deps --no-build-isolation --editable .
 	touch $@
 
 demo: setup

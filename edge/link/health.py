@@ -105,7 +105,7 @@ def _check_certificate(tls: TlsSettings, now: dt.datetime) -> Check:
 
 
 def certificate_end(file: Path) -> dt.datetime | None:
-    """When a certificate made by deploy/certs ends, from its heading; None if it cannot be told."""
+    """When a certificate made by `base-station certs` ends, from its heading; None if it cannot be told."""
     try:
         with file.open("rb") as opened:
             heading = opened.read(HEADING_BYTES).decode(errors="replace")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.places import ROOT
 from tools.bundle import pins, refuse_strangers
 
 CONTENT = b"a wheel"
@@ -19,6 +20,16 @@ other==4 ; python_version < "3.12" \\
 
 def test_pins_are_versions_without_hashes() -> None:
     assert pins(LOCK) == "some-thing.x==1.2.3\nother==4\n"
+
+
+def test_every_package_of_the_lock_file_is_pinned_with_hashes() -> None:
+    lock = (ROOT / "requirements.lock").read_text()
+    assert len(pins(lock).splitlines()) > 50
+    for block in lock.split("\n# The following")[0].replace("\\\n", "").splitlines():
+        if block and not block.lstrip().startswith("#"):
+            assert "--hash=sha256:" in block, block
+    assert "index-url" not in lock
+    assert "://" not in lock
 
 
 def test_a_wheel_that_is_not_the_lock_files_is_refused(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.places import ROOT
+from tests.programs import options, parsers
 
 UNITS = sorted((ROOT / "systemd").glob("*.service"))
 SANDBOXED = [unit for unit in UNITS if unit.name != "skyfix-access.service"]
@@ -64,3 +65,14 @@ def test_the_installer_is_bash_and_explains_itself() -> None:
     verdict = subprocess.run(["bash", str(script), "everything"], capture_output=True, text=True, check=False)
     assert verdict.returncode == 2
     assert "edge|base|router" in verdict.stderr
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
+def test_a_unit_starts_a_command_that_exists(unit: Path) -> None:
+    found = re.search(r"^ExecStart=/opt/skyfix/current/bin/(.+)$", unit.read_text(), re.MULTILINE)
+    if found is None:
+        assert unit.name in ("skyfix-access.service", "skyfix-ntrip.service"), "these start programs of others"
+        return
+    program, command, *rest = found[1].split()
+    assert (program, command) in parsers()
+    assert rest[0] in options((program, command))
