@@ -28,7 +28,7 @@ def test_every_package_of_the_lock_file_is_pinned_with_hashes() -> None:
     for block in lock.split("\n# The following")[0].replace("\\\n", "").splitlines():
         if block and not block.lstrip().startswith("#"):
             assert "--hash=sha256:" in block, block
-    assert "index-url" not in lock
+    assert "--index-url" not in lock
     assert "://" not in lock
 
 
