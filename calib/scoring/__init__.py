@@ -1,0 +1,1 @@
+"""How far an estimated trajectory is from a true one."""

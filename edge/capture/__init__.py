@@ -24,7 +24,7 @@ FOLDER_FPS: Final = 30.0  # for images that carry no time
 
 Kind = Literal["file", "v4l2", "rtsp", "folder"]
 
-cv2.setNumThreads(1)  # frames are worked on side by side by processes, not within one
+cv2.setNumThreads(1)  # frames are worked on side by side, by threads of our own, and not within one
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # luma retrieval warns once a frame
 
 

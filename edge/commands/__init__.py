@@ -1,0 +1,1 @@
+"""The subcommands of `edge-node` that are not its loop."""

@@ -1,4 +1,4 @@
-"""What a unit is of another."""
+"""Units: how many of one make another."""
 
 from typing import Final
 

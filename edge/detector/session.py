@@ -1,7 +1,8 @@
 """An ONNX Runtime session as a camera box wants it: one thread, no spinning, every complaint in plain words.
 
 The library's defaults take every core and spin on them while waiting; beside a second process that was measured to slow
-both by half and more. So a session has one thread unless told otherwise, and frames are worked on by processes.
+both by half and more. So a session has one thread unless told otherwise, and frames are worked on
+side by side instead.
 """
 
 import json

@@ -1,0 +1,1 @@
+"""A site's certificates: who belongs to it."""

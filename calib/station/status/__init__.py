@@ -1,0 +1,1 @@
+"""How the station is: one struct, and the ways in which it is asked for."""

@@ -1,7 +1,7 @@
 """How the station is, as one struct: /status.json, /metrics, the operator's page and TRACKER_STATUS all say the same.
 
 The hazard is two truths: a page that is green while the metrics are red. So everything that tells of the station's
-state is made from this struct, and the struct is made in one place (calib/station/core/station.py).
+state is made from this struct, and the struct is made in one place (status/snapshot.py).
 """
 
 import msgspec
