@@ -92,17 +92,17 @@ def box(name: str, endpoint: str, gnss: dict[str, object]) -> Iterator[None]:
     """A box's receiver and link, with the [gnss] that the guide gives it."""
     rover = Rover()
     rover.offset_m = np.array(OFFSETS_M[name])
-    receiver = Receiver(build(gnss | {"device": rover.device}, GnssConfig, where="the guide"))
-    receiver.start()
     try:
-        with Link(LinkSettings(connect=(endpoint,)), name=name) as link:
+        with (
+            Receiver(build(gnss | {"device": rover.device}, GnssConfig, where="the guide")) as receiver,
+            Link(LinkSettings(connect=(endpoint,)), name=name) as link,
+        ):
             while (fix := receiver.fix()) is None:
                 assert receiver.wait(FIX_WITHIN_S), receiver.status()
             link.declare_presence(camera_key(SITE, name))
             link.set_state(camera_key(SITE, name, "fix"), fix)
             yield
     finally:
-        receiver.stop()
         rover.stop()
 
 
