@@ -13,7 +13,7 @@ SEED ?= $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 setup: .venv/installed
 
 .venv/installed: pyproject.toml requirements.lock
-	@echo "setting up .venv: about 350 MB are fetched once and take up 1.2 GB; nothing outside this folder is changed"
+	@echo "setting up .venv: about 320 MB are fetched once and take up 1.2 GB; nothing outside this folder is changed"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "$(or $(PYTHON),python3) is no Python 3.11 or later: apt install python3, or name one: make PYTHON=..."; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
