@@ -9,7 +9,7 @@ from calib.geodesy import ecef_to_enu
 from calib.station.app import main
 from calib.station.archive import recording
 from edge.messages import SurveyMessage, decode
-from tools.doubles.base import Base
+from tools.doubles.base import TrackingBase
 from tools.doubles.flight import ORIGIN
 from tools.doubles.heard import Heard
 
@@ -19,7 +19,7 @@ RIGHT_M = 0.5  # three cameras, half a minute
 
 
 def test_a_base_that_was_killed_left_a_recording_that_is_solved(tmp_path: Path) -> None:
-    base, heard = Base(tmp_path, []), Heard(tmp_path / "disk" / "recordings")
+    base, heard = TrackingBase(tmp_path, []), Heard(tmp_path / "disk" / "recordings")
     base.start()
     try:
         with base.boxes() as scene:

@@ -8,6 +8,7 @@ included, for a camera that sees nothing says so once a second. `solve` reads th
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -88,9 +89,9 @@ def play_back(path: Path, site: SurveyedSite | None = None) -> Played:
 
 
 def _play_folder(folder: TrackFolder) -> Played:
-    name = folder.site.name
+    key = cache(partial(camera_key, folder.site.name))
     messages = (
-        Recorded(camera_key(name, said.camera, said.topic), said.t_ns, said.payload)
+        Recorded(key(said.camera, said.topic), said.t_ns, said.payload)
         for said in _of_folder(folder, epoch=1, silence=False)
         if said.topic != "fix"  # the survey says it, with more digits
     )
@@ -120,9 +121,11 @@ def _of_folder(folder: TrackFolder, epoch: int, *, silence: bool = True) -> Iter
     t_ns = np.concatenate([stamps for stamps, _ in frames])
     owner = np.repeat(np.arange(len(boxes)), [len(stamps) for stamps, _ in frames])
     starts = np.concatenate([start for _, start in frames])
-    for k in np.argsort(t_ns, kind="stable").tolist():
-        box = boxes[owner[k]]
-        yield Said(int(t_ns[k]), box.camera.id, "tracks", encode(box.message(int(t_ns[k]), int(starts[k]))))
+    order = np.argsort(t_ns, kind="stable")
+    frame = zip(t_ns[order].tolist(), owner[order].tolist(), starts[order].tolist(), strict=True)
+    for t_unix_ns, number, start in frame:
+        box = boxes[number]
+        yield Said(t_unix_ns, box.camera.id, "tracks", encode(box.message(t_unix_ns, start)))
 
 
 def _fix(camera: SiteCamera, origin: Origin | None, t_unix_ns: int) -> Fix:
@@ -144,27 +147,50 @@ def _fix(camera: SiteCamera, origin: Origin | None, t_unix_ns: int) -> Fix:
     )
 
 
+def _detections(rows: TrackRows, rays: Array) -> list[Detection | None]:
+    """Each row as its box would report it, None where there is no ray. rays: (N, 2).
+
+    A list, for numbers taken from an array one by one cost ten times as much, and a flight has a hundred thousand.
+    """
+    return [
+        Detection(
+            track=track,
+            u_px=u,
+            v_px=v,
+            ray_x=x,
+            ray_y=y,
+            width_px=0.0,
+            height_px=0.0,
+            score=1.0,
+            status="confirmed" if seen else "interpolated",
+        )
+        if abs(x) <= MAX_RAY and abs(y) <= MAX_RAY  # nan is not
+        else None
+        for track, (u, v), (x, y), seen in zip(
+            rows.track.tolist(), rows.pixels.tolist(), rays.tolist(), rows.seen.tolist(), strict=True
+        )
+    ]
+
+
 class _ReplayedBox:
     """A camera box that says again what its track file holds."""
 
     def __init__(self, camera: SiteCamera, rows: TrackRows, epoch: int) -> None:
         self.camera = camera
-        self._rows = rows
-        rays = pixel_to_ray(camera.lens, rows.pixels)
-        outside = ~np.all(np.abs(rays) <= MAX_RAY, axis=1)  # nan is
-        if outside.any():
+        self._stamps: list[int] = rows.t_unix_ns.tolist()
+        self._detections = _detections(rows, pixel_to_ray(camera.lens, rows.pixels))
+        without = self._detections.count(None)
+        if without:
             log.warning(
                 "camera %s: its lens model has no ray for %d of %d rows, which are left out; check its lens file",
-                camera.id, outside.sum(), len(outside),
+                camera.id, without, len(self._detections),
             )  # fmt: skip
-        rays[outside] = np.nan
-        self._rays: Array = rays
         self._epoch = epoch
         self._seq = 0
 
     def frames(self, first_ns: int, last_ns: int, *, silence: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Stamps (F,) of the frames to tell of, in order, and the first row (F,) of each; -1 for one that is empty."""
-        stamps, start = np.unique(self._rows.t_unix_ns, return_index=True)
+        stamps, start = np.unique(np.array(self._stamps, np.int64), return_index=True)
         if not silence:
             return stamps, start
         edges = np.concatenate([[first_ns], stamps, [last_ns]])
@@ -181,10 +207,11 @@ class _ReplayedBox:
 
     def message(self, t_unix_ns: int, row: int) -> Tracks:
         """The frame whose first row that is; an empty one for -1."""
-        detections = []
-        while 0 <= row < len(self._rays) and self._rows.t_unix_ns[row] == t_unix_ns:
-            if np.isfinite(self._rays[row, 0]):
-                detections.append(self._detection(row))
+        detections: list[Detection] = []
+        while 0 <= row < len(self._stamps) and self._stamps[row] == t_unix_ns:
+            detection = self._detections[row]
+            if detection is not None:
+                detections.append(detection)
             row += 1
         self._seq += 1
         return Tracks(
@@ -195,18 +222,4 @@ class _ReplayedBox:
             size_px=self.camera.lens.size_px,
             readout_s=self.camera.readout_s,
             detections=detections,
-        )
-
-    def _detection(self, row: int) -> Detection:
-        (u, v), (x, y) = self._rows.pixels[row].tolist(), self._rays[row].tolist()
-        return Detection(
-            track=int(self._rows.track[row]),
-            u_px=u,
-            v_px=v,
-            ray_x=x,
-            ray_y=y,
-            width_px=0.0,
-            height_px=0.0,
-            score=1.0,
-            status="confirmed" if self._rows.seen[row] else "interpolated",
         )

@@ -32,7 +32,7 @@ class Recorded(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Refusal:
+class RefusedRows:
     """What of a camera was not used: how often, why, and what to do about it."""
 
     camera: str
@@ -49,7 +49,7 @@ class Played:
     """The scene, and what is not in it. without_lens: cameras left out, because nothing says what lens they have."""
 
     scene: Scene
-    refused: tuple[Refusal, ...]
+    refused: tuple[RefusedRows, ...]
     without_lens: tuple[str, ...]
 
 
@@ -88,7 +88,7 @@ class _Playback:
         self._window = Window(self._sections)
         self._positions = Positions(self._sections, None if site is None else site.origin)
         self._clock_sets: Counter[str] = Counter()
-        self._forgotten: list[Refusal] = []
+        self._forgotten: list[RefusedRows] = []
         self._site_of_keys = ""
 
     def take(self, message: Recorded) -> None:
@@ -135,7 +135,7 @@ class _Playback:
         rows = len(self._window.cameras[camera.id])
         if rows:
             action = "fly after such a change, not across it"
-            self._forgotten.append(Refusal(camera.id, rows, reason, action))
+            self._forgotten.append(RefusedRows(camera.id, rows, reason, action))
         self._window.cameras[camera.id].clear()
 
     def played(self) -> Played:
@@ -162,12 +162,12 @@ class _Playback:
             known.update(boxes)
             self._positions.origin = known.origin
 
-    def _refused(self) -> Iterator[Refusal]:
+    def _refused(self) -> Iterator[RefusedRows]:
         yield from self._forgotten
         for name in self._in_order():
             camera = self._intake.cameras[name]
             for kind, (reason, action, _) in camera.faults.items():
-                yield Refusal(name, camera.counters[kind], reason, action)
+                yield RefusedRows(name, camera.counters[kind], reason, action)
         for stranger, count in self._intake.strangers.items():
             action = f'add [[camera]] id = "{stranger}", or correct the box\'s camera id'
-            yield Refusal(stranger, count, "the configuration does not name it: left out", action)
+            yield RefusedRows(stranger, count, "the configuration does not name it: left out", action)
