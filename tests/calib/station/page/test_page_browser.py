@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright import sync_api
 
 from calib.station.page.process import available
 from edge.link.link import Link
@@ -35,7 +34,7 @@ TOKEN = secrets.token_hex(16)
 STARTED_MS = 60_000  # the page's process imports for seconds where many share two cores
 SOON_MS = 20_000
 WITHIN_S = 3.0  # a silent camera: two seconds until it counts as gone, and one to say so
-STOPPED_S = 30.0  # 1 s on a quiet machine; here only a hang may fail
+STOPPED_S = 5.0  # 3 s are promised; a busy machine takes longer to notice
 SLACK_S = 2.0  # a machine that is shared is late by so much
 
 pytestmark = [
@@ -226,7 +225,8 @@ def test_recording_stops_starts_and_is_scrubbed(open_page: Any, site: Site) -> N
     oldest = min((site.folder / "recordings").glob("*.mcap"), key=lambda file: file.name)
     page.get_by_role("link", name=oldest.name).click()
     page.wait_for_function("() => Number(document.querySelector('#scrub')?.max) > 0", timeout=SOON_MS)
-    assert any(_shows_a_target(page, back_s) for back_s in (0.5, 1.0, 2.0, 4.0)), "a busy station may miss a moment"
+    page.locator("#scrub").evaluate("e => { e.value = e.max - 0.5; e.dispatchEvent(new Event('input')); }")
+    page.wait_for_selector("#targets tr[data-target]", timeout=SOON_MS)
     keep(page, "recording")
 
 
@@ -249,17 +249,6 @@ def test_the_keyboard_is_enough(open_page: Any) -> None:
     page.get_by_role("link", name="Setup").focus()
     page.keyboard.press("Enter")
     page.wait_for_url("**/setup")
-
-
-def _shows_a_target(page: Any, back_s: float) -> bool:
-    """Whether a target stands on the map when the recording is looked at so long before its end."""
-    go = "(e, back) => { e.value = e.max - back; e.dispatchEvent(new Event('input')); }"
-    page.locator("#scrub").evaluate(go, back_s)
-    try:
-        page.wait_for_selector("#targets tr[data-target]", timeout=SOON_MS / 4)
-    except sync_api.TimeoutError:
-        return False
-    return True
 
 
 @pytest.mark.parametrize(("width", "height"), [(320, 640), (3840, 2160)])
