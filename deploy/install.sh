@@ -106,7 +106,7 @@ lay_programs() {    # /opt/skyfix/$version, whole or not at all
         if [ "$each" != "$role" ] && [ -e "$place/.complete-$each" ]; then roles+=" $each"; fi
     done
     for each in $roles; do
-        case $each in edge) extras+=,box ;; base) extras+=,base ;; esac
+        case $each in edge) extras+=,box ;; base) extras+=,base,page,certs ;; esac
     done
     if [ -n "$extras" ]; then extras="[${extras#,}]"; fi
     if [ -e "$place/.complete-$role" ] && [ -n "$source" ] && cmp -s "$tree/SHA256SUMS" "$place/SHA256SUMS"; then

@@ -28,6 +28,7 @@ PLATFORMS: Final = {
     for machine in ("x86_64", "aarch64")
 }
 SOURCES: Final = ("edge", "calib", "pyproject.toml", "README.md", "LICENSE")
+EXTRAS: Final = "box,base,page,certs"  # what the installer asks for, of a box or of a base
 CARRIED: Final = ("deploy", "systemd", "README.md", "LICENSE", "CHANGELOG.md")
 LEFT_OUT: Final = shutil.ignore_patterns("__pycache__", "*.pyc")
 
@@ -54,7 +55,7 @@ def download(folder: Path, wheel: Path, machine: str, python: str) -> None:
         constraints.flush()
         _pip(
             *("download", "--dest", str(folder), "--only-binary=:all:", "--python-version", python, *platforms),
-            *("--constraint", constraints.name, f"{wheel}[box,base]", "pip"),
+            *("--constraint", constraints.name, f"{wheel}[{EXTRAS}]", "pip"),
         )
     refuse_strangers(folder, lock)
 

@@ -8,7 +8,6 @@ moment: it holds nothing that is not asked for again. What goes wrong in it come
 import importlib
 import logging
 import multiprocessing
-import os
 import signal
 import time
 from collections.abc import Callable
@@ -22,12 +21,14 @@ from calib.errors import CalibrationError, SkyfixError
 from calib.network import Network
 from calib.observations import Scene
 from calib.station.core.jobs import Solved, SolveJob, SolveResult
+from edge.common.niceness import step_back
 from edge.common.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
 
 SOLVER_STOP_S: Final = 1.0  # s it may take to stop before it is killed
 SOLVER_NICENESS: Final = 10  # of the solving process: on a small computer tracking comes first
+REAPED_S: Final = 0.2  # s for a process whose pipe has ended to leave its exit code; the station's turn waits for it
 TOO_LONG_S: Final = 300.0  # s: a solve that takes longer is stuck
 
 
@@ -60,7 +61,7 @@ def _loaded(solver: Solver | str) -> Solver:
 
 def _serve(pipe: Connection, wanted: Solver | str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the station's to answer
-    os.nice(SOLVER_NICENESS)
+    step_back(SOLVER_NICENESS)
     solver = _loaded(wanted)
     while True:
         try:
@@ -87,6 +88,17 @@ def _bug(bug: Exception) -> SkyfixError:
         where="solver",
         action="keep the recording and report it; the station tries again with more data",
     )
+
+
+def _cause_of_death(code: int | None) -> tuple[str, str]:
+    """What happened to the process and what to do: only a SIGKILL that nobody sent is the memory's."""
+    if code is None:
+        return "the solver's process closed its pipe", "look at its last lines in the station's log"
+    if code == -signal.SIGKILL:
+        return "the solver's process was killed", "look at the computer's memory"
+    if code < 0:
+        return f"the solver's process died of {signal.Signals(-code).name}", "report it with the recording"
+    return f"the solver's process ended with code {code}", "look at its last lines in the station's log"
 
 
 def _report(solver: Solver, folder: Path) -> None:
@@ -167,12 +179,12 @@ class Worker:
                 self._job = None
                 return done
         except (EOFError, OSError):
-            return self._failed("the solver's process died")
+            return self._died()
         if not self._process.is_alive():
-            return self._failed("the solver's process died")
+            return self._died()
         if time.monotonic() - self._since > TOO_LONG_S:
             self.close()
-            return self._failed(f"the solver took longer than {TOO_LONG_S:.0f} s")
+            return self._failed(f"the solver took longer than {TOO_LONG_S:.0f} s", "report it with the recording")
         return None
 
     def close(self) -> None:
@@ -191,10 +203,14 @@ class Worker:
             self._pipe.close()
             self._pipe = None
 
-    def _failed(self, what: str) -> SolveResult:
+    def _died(self) -> SolveResult:
+        self._process.join(REAPED_S)
+        return self._failed(*_cause_of_death(self._process.exitcode))
+
+    def _failed(self, what: str, action: str) -> SolveResult:
         assert self._job is not None
         number, self._job = self._job.number, None
-        error = CalibrationError(what, where="solver", action="look at the computer's memory; it is started again")
+        error = CalibrationError(what, where="solver", action=f"{action}; it is started again")
         return SolveResult(number, None, error, time.monotonic() - self._since)
 
     def _start(self) -> None:

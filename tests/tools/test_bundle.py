@@ -1,12 +1,13 @@
 """The bundle takes exactly what the lock file names."""
 
 import hashlib
+import re
 from pathlib import Path
 
 import pytest
 
 from tests.places import ROOT
-from tools.bundle import pins, refuse_strangers
+from tools.bundle import EXTRAS, pins, refuse_strangers
 
 CONTENT = b"a wheel"
 LOCK = f"""# comment
@@ -39,3 +40,10 @@ def test_a_wheel_that_is_not_the_lock_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "other-4-py3-none-any.whl").write_bytes(b"somebody else's")
     with pytest.raises(SystemExit, match="other-4"):
         refuse_strangers(tmp_path, LOCK)
+
+
+def test_the_bundle_has_every_extra_that_the_installer_asks_for() -> None:
+    """A base without `page` has no operator's page, one without `certs` no certificates."""
+    installer = (ROOT / "deploy" / "install.sh").read_text()
+    asked = {extra for words in re.findall(r"extras\+=,([\w,]+)", installer) for extra in words.split(",")}
+    assert {"box", "base", "page", "certs"} == asked == set(EXTRAS.split(","))

@@ -1,6 +1,9 @@
 """The solving process: answers, faults as words, deaths, and an end that comes in time."""
 
 import os
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Final
@@ -39,6 +42,11 @@ def divides_by_nothing(scene: Scene, start: Network | None) -> Solved:
 
 def dies(scene: Scene, start: Network | None) -> Solved:
     os._exit(3)
+
+
+def is_killed(scene: Scene, start: Network | None) -> Solved:
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
 
 
 def never_ends(scene: Scene, start: Network | None) -> Solved:
@@ -81,7 +89,24 @@ def test_a_process_that_dies_fails_its_job_and_the_next_job_starts_another(until
     with Worker(f"{HERE}:dies") as worker:
         for number in (1, 2):
             done = solved(worker, until, job(number))
-            assert (done.number, done.error.what) == (number, "the solver's process died")
+            assert (done.number, done.error.what) == (number, "the solver's process ended with code 3")
+
+
+def test_only_a_process_that_was_killed_is_blamed_on_the_memory(until: Until) -> None:
+    with Worker(f"{HERE}:is_killed") as worker:
+        done = solved(worker, until, job())
+        assert (done.error.what, "memory" in done.error.action) == ("the solver's process was killed", True)
+    with Worker(f"{HERE}:dies") as worker:
+        assert "memory" not in solved(worker, until, job()).error.action
+
+
+def test_it_solves_where_the_service_may_not_change_its_priority() -> None:
+    """As under a unit with SystemCallFilter=~@resources, where no installed base was ever calibrated."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.forbidden", "setpriority", HERE], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.split() == ["solved"], done.stderr
+    assert "setpriority" in done.stderr
 
 
 def test_it_ends_in_time_even_while_a_large_job_is_being_handed_over() -> None:
@@ -89,3 +114,17 @@ def test_it_ends_in_time_even_while_a_large_job_is_being_handed_over() -> None:
         assert worker.submit(job(1, LARGE))
         began_s = time.monotonic()
     assert time.monotonic() - began_s < 5.0  # two seconds for the process, one for the thread, and a busy machine
+
+
+def _solve_once() -> None:
+    """What the test of a forbidden priority runs in a process of its own."""
+    with Worker(f"{HERE}:at_once") as worker:
+        assert worker.submit(job())
+        deadline_s = time.monotonic() + 60.0
+        while (done := worker.poll()) is None and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+    print("no answer" if done is None else done.error or "solved")  # noqa: T201 -- the test reads it
+
+
+if __name__ == "__main__":
+    _solve_once()
