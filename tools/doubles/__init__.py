@@ -1,6 +1,6 @@
 """Stand-ins for what is not there: each written once, for benches, the demonstration and tests alike.
 
-- Cameras and what flies: flight (a scene of calib.simulation, and the network handed out for it), faults,
+- Cameras and what flies: flight (a scene of calib.simulation, and the network handed out for it), faults, hazards,
   survey_network.
 - Boxes in this process: tracks, box_messages, feed. A box as a process: box.
 - A base as a process: base, late_clock, ports.

@@ -56,6 +56,9 @@ def _site_camera(camera: SiteCamera, scene: Scene) -> dict[str, object]:
         entry["clock_bound_s"] = camera.clock_bound_s
     if camera.readout_s is not None:
         entry["readout_s"] = camera.readout_s
+    if camera.up_cam is not None and camera.up_sigma_deg is not None:
+        entry["up_cam"] = camera.up_cam.tolist()
+        entry["up_sigma_deg"] = camera.up_sigma_deg
     return entry
 
 
