@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from calib.observations import SiteCamera
+from calib.solving.found import Cause, Found
 from calib.solving.solution import CameraReport
 
 OFF_BOUND_S: Final = 2e-3  # an offset is worth telling beyond its bound and this: 4 cm at 20 m/s
@@ -16,9 +17,12 @@ OFF_LENS: Final = 0.01  # of the focal length: as much as lens files are usually
 SIGNIFICANT: Final = 3.0  # sigmas
 
 
-def findings(cameras: tuple[CameraReport, ...], sites: dict[str, SiteCamera]) -> tuple[str, ...]:
-    """Sentences, one a finding."""
-    found = [sentence for camera in cameras for sentence in (*_clock(camera, sites[camera.id]), *_lens(camera))]
+def findings(cameras: tuple[CameraReport, ...], sites: dict[str, SiteCamera]) -> tuple[Found, ...]:
+    """Clocks and lenses that are off, camera by camera."""
+    found: list[Found] = []
+    for camera in cameras:
+        found += [Found(Cause.CLOCK, (camera.id,), sentence) for sentence in _clock(camera, sites[camera.id])]
+        found += [Found(Cause.LENS, (camera.id,), sentence) for sentence in _lens(camera)]
     return tuple(found)
 
 

@@ -28,6 +28,7 @@ from calib.adjustment.uncertainty import camera_covariance, position_covariance
 from calib.geometry.spline import Flight, evaluate
 from calib.network import POSE_SIZE, Network
 from calib.solving.evidence import Evidence
+from calib.solving.found import Found
 from calib.solving.series import gap_to_nearest_s
 from edge.common.arrays import Array
 from edge.lens import LensModel
@@ -81,7 +82,7 @@ class CameraReport:
 
 @dataclass(frozen=True)
 class SolutionReport:
-    """How good a calibration is. findings: sentences, what was found wrong first. left_out: camera and why.
+    """How good a calibration is. findings: what was found wrong first. left_out: camera and why.
 
     weakest_sigma_m: the least certain direction of any camera's centre, and weakest_direction_enu (3,) which.
     evidence: residuals by place, held-out residuals, shared rows, the survey's test.
@@ -89,7 +90,7 @@ class SolutionReport:
 
     cameras: tuple[CameraReport, ...]
     left_out: tuple[tuple[str, str], ...]
-    findings: tuple[str, ...]
+    findings: tuple[Found, ...]
     rms_px: float
     survey_rms_m: float | None
     rounds: int

@@ -17,6 +17,7 @@ from calib.observations import Scene
 from calib.solving.clocks import NEAR_S
 from calib.solving.evidence import gather
 from calib.solving.findings import findings
+from calib.solving.found import Cause, Found
 from calib.solving.initial_estimate import from_network, from_scaffold
 from calib.solving.inputs import Inputs, prepare
 from calib.solving.readmit import readmit
@@ -129,7 +130,7 @@ def _report(inputs: Inputs, refined: Refined, *, evidence: bool) -> SolutionRepo
     return SolutionReport(
         cameras=cameras,
         left_out=_left_out(inputs, refined, {camera.id for camera in cameras}),
-        findings=(*dict.fromkeys(refined.initial.rejected.values()), *findings(cameras, inputs.sites)),
+        findings=(*_rejected(refined.initial.rejected), *findings(cameras, inputs.sites)),
         rms_px=rms_px(adjusted, problem),
         survey_rms_m=float(np.sqrt((misfits**2).sum(1).mean())) if len(misfits) else None,
         rounds=adjusted.rounds,
@@ -139,6 +140,14 @@ def _report(inputs: Inputs, refined: Refined, *, evidence: bool) -> SolutionRepo
         weakest_sigma_m=sigma,
         weakest_direction_enu=direction,
         evidence=gather(adjusted, problem, camera_covariance(adjusted, problem)) if evidence else None,
+    )
+
+
+def _rejected(rejected: dict[str, str]) -> tuple[Found, ...]:
+    """One finding for each sentence on surveyed positions that were not used, of all cameras that it is about."""
+    return tuple(
+        Found(Cause.POSITION, tuple(name for name, why in rejected.items() if why == sentence), sentence)
+        for sentence in dict.fromkeys(rejected.values())
     )
 
 

@@ -53,7 +53,7 @@ def _told(solution: Solution) -> Solved:
         solution.network,
         float(np.sqrt(np.median(spread))),
         solution.report.left_out,
-        solution.report.findings,
+        tuple(map(str, solution.report.findings)),
     )
 
 

@@ -16,7 +16,7 @@ def test_three_per_cent_are_found_and_named(percent: float) -> None:
     # The flight determines the focal length to some pixels; a prior of 1 % pulls by 3 sigma of itself.
     assert abs(report.lens_after.intrinsics[0] - 1000.0) < 5 * report.sigma_lens[0]
     assert report.sigma_lens[0] < 8.0
-    assert any("focal length of cam2" in finding for finding in found.solution.report.findings)
+    assert any("focal length of cam2" in str(finding) for finding in found.solution.report.findings)
     # The prior of 1 % is three sigmas wrong and says so in no covariance: twice the usual allowance.
     assert found.rmse_m() < 2 * 4 * found.sigma_m()
 

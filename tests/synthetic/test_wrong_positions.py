@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calib.solving.found import Cause
 from tests.calib.flights import CAMERAS, site
 from tests.synthetic.solving import assert_right, solved
 
@@ -20,7 +21,7 @@ def swapped(one: int, two: int) -> dict[str, dict[str, object]]:
 def test_a_swap_is_named(pair: tuple[int, int]) -> None:
     found = solved(site(offsets_s=(0.0,) * 5, special=swapped(*pair)))
     one, two = (f"cam{number + 1}" for number in pair)
-    assert any(f"{one} and {two} look swapped" in finding for finding in found.solution.report.findings)
+    assert any(f"{one} and {two} look swapped" in str(finding) for finding in found.solution.report.findings)
     assert_right(found)
 
 
@@ -28,13 +29,13 @@ def test_a_swap_is_named(pair: tuple[int, int]) -> None:
 @pytest.mark.parametrize("trial", [0, 1])
 def test_a_mistyped_position_is_named(off_m: float, trial: int) -> None:
     found = solved(site(offsets_s=(0.0,) * 5, special=wrong(cam2=(off_m, 0.0, 0.0))), trial=trial)
-    findings = [finding for finding in found.solution.report.findings if "position" in finding]
+    findings = [finding for finding in found.solution.report.findings if finding.cause is Cause.POSITION]
     assert findings
-    assert all("cam2" in finding for finding in findings)
+    assert all(finding.cameras == ("cam2",) for finding in findings)
     assert_right(found)
 
 
 def test_good_positions_are_not_accused() -> None:
     for trial in range(3):
         found = solved(site(offsets_s=(0.0,) * 5), trial=trial)
-        assert not any("position" in finding for finding in found.solution.report.findings)
+        assert not any(finding.cause is Cause.POSITION for finding in found.solution.report.findings)

@@ -48,7 +48,7 @@ def summarise(solution: Solution) -> Summary:
         verdict=grade.verdict(marks),
         improvement=grade.improvement(marks, distances[DISTANCES_M.index(MIDDLE_DISTANCE_M)]),
         marks=marks,
-        findings=list(report.findings),
+        findings=list(map(str, report.findings)),
         left_out=left_out,
         rms_px=report.rms_px,
         survey_rms_m=report.survey_rms_m,

@@ -1,8 +1,8 @@
-"""Which cameras an answer says something is wrong with, read from its sentences.
+"""Which cameras an answer says something is wrong with: its findings, what it left out, whose survey it doubts.
 
 The hazard is a count that punishes honesty. A sentence that gives several cameras and says that they cannot be told
 apart accuses all of them together, and is right if the guilty one is among them; one that lists the cameras that are
-fine accuses nobody. So a sentence is read by a rule that is written down here and nowhere else.
+fine accuses nobody. Findings say which cameras they are of; a refusal is read by a rule that is written down here.
 """
 
 import re
@@ -38,7 +38,7 @@ class Accusation:
 
 def in_report(report: SolutionReport, cameras: tuple[str, ...]) -> list[Accusation]:
     """What was left out, what was found, and whose survey is doubted."""
-    found = [_of(sentence, cameras) for sentence in report.findings]
+    found = [Accusation(frozenset(each.cameras), each.undecided, each.sentence) for each in report.findings]
     found += [Accusation(frozenset([name]), undecided=False, sentence=why) for name, why in report.left_out]
     check = report.evidence.survey if report.evidence else None
     if check is not None and not check.passed and check.suspect is not None:

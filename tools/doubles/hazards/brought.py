@@ -7,27 +7,17 @@ read from the truth (`off`).
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import Final
 
 import numpy as np
 
 from calib.observations import Observations, SiteCamera
 from calib.simulation.simulation import Rows, Simulated
+from calib.solving.found import Cause
 
 OFF_SIGMAS: Final = 4.0  # a surveyed position that far off in one direction is not what its sigma says
 OFF_FOCAL: Final = 0.008  # a lens file that far off may be told so: what the solver tells begins at 0.01
 OFF_CLOCK_S: Final = 2e-3  # beyond its bound
-
-
-class Cause(StrEnum):
-    """What of a camera is wrong."""
-
-    POSITION = "position"
-    LENS = "lens"
-    CLOCK = "clock"
-    POSE = "pose"  # knocked, turned or moved in flight
-    TRACKS = "tracks"  # not its own, or not what it saw
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ import numpy as np
 from calib.observations import SiteCamera
 from calib.simulation.description import LensFault, Simulation
 from calib.simulation.simulation import Rows, Simulated, simulate
+from calib.solving.found import Cause
 from edge.common.arrays import Array
 from edge.lens import LensModel, pixel_to_ray
 from tools.doubles.hazards import scenery
-from tools.doubles.hazards.brought import Brought, Cause, Fault, with_rows, with_sites
+from tools.doubles.hazards.brought import Brought, Fault, with_rows, with_sites
 from tools.doubles.hazards.table import Kind
 
 OFF: Final = (0.02, 0.03, 0.05, 0.08, 0.10)  # of the focal length, guessed or of another camera

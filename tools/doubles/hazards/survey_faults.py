@@ -11,10 +11,11 @@ from calib.geodesy import enu_to_geodetic, geodetic_to_enu
 from calib.observations import SiteCamera
 from calib.simulation.description import Simulation
 from calib.simulation.simulation import simulate
+from calib.solving.found import Cause
 from calib.station.config import UNSTATED_SIGMA_M
 from edge.common.arrays import Array
 from tools.doubles.hazards import scenery
-from tools.doubles.hazards.brought import Brought, Cause, Fault, with_rows, with_sites
+from tools.doubles.hazards.brought import Brought, Fault, with_rows, with_sites
 from tools.doubles.hazards.table import Kind
 
 GEOID_M: Final = 47.6  # between the ellipsoid and the sea in central Europe
