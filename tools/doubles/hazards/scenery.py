@@ -77,7 +77,13 @@ def wander(
     """A drone through waypoints anywhere in a box."""
     count = int((duration_s + BEFORE_S + AFTER_S) / step_s) + 2
     places = np.array(middle) + rng.uniform(-1.0, 1.0, (count, 3)) * half
-    return ObjectSpec(name=name, waypoints_enu=tuple(map(metres3, places)), step_s=step_s, start_s=-BEFORE_S)
+    return through(places, step_s, name)
+
+
+def through(path_enu: Array, step_s: float, name: str = "drone") -> ObjectSpec:
+    """Something that flies through places (K, 3), the first BEFORE_S before the scene begins."""
+    places = tuple(map(metres3, path_enu))
+    return ObjectSpec(name=name, waypoints_enu=places, step_s=step_s, start_s=-BEFORE_S)
 
 
 def stand(centres: Array, look_at: Metres3 = MIDDLE, **keys: Any) -> tuple[CameraSpec, ...]:

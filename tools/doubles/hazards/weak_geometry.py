@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from calib.simulation.description import Metres3, ObjectSpec, Simulation
+from calib.simulation.description import Metres3, Simulation
 from calib.simulation.simulation import simulate
 from tools.doubles.hazards import scenery
 from tools.doubles.hazards.brought import Brought
@@ -78,13 +78,7 @@ def _fly_past(rng: np.random.Generator) -> Brought:
     count = int((duration_s + scenery.BEFORE_S + scenery.AFTER_S) / 2.0) + 2
     times = np.arange(count) * 2.0 - scenery.BEFORE_S - duration_s / 2
     path = np.array([0.0, distance_m, height_m]) + np.outer(times * speed_m_s, direction)
-    thing = ObjectSpec(
-        name="plane",
-        kind="aeroplane",
-        waypoints_enu=tuple(map(scenery.metres3, path)),
-        step_s=2.0,
-        start_s=-scenery.BEFORE_S,
-    )
+    thing = scenery.through(path, step_s=2.0, name="plane")
     centres = scenery.ring(rng, int(rng.choice([3, 4])), radius_m=80.0)
     cameras = scenery.stand(centres, (0.0, distance_m, height_m), intrinsics=(700.0, 700.0, 960.0, 540.0))
     return Brought(simulate(scenery.scene(rng, cameras, thing, duration_s=duration_s)), note=f"{speed_m_s:.0f} m/s")
