@@ -1,16 +1,16 @@
 """Sites with nothing wrong in them, each in its own way: what the solver must not refuse, and nobody to be named."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
 import msgspec
 import numpy as np
 
-from calib.simulation.simulation import Simulated, simulate
-from edge.common.arrays import Array
+from calib.simulation.description import LensFault
+from calib.simulation.simulation import simulate
 from tools.doubles.hazards import scenery
-from tools.doubles.hazards.brought import Brought, with_sites
+from tools.doubles.hazards.brought import Brought
+from tools.doubles.hazards.levels import levelled
 from tools.doubles.hazards.survey_faults import GEOID_M
 from tools.doubles.hazards.table import Kind
 
@@ -31,6 +31,33 @@ def _laid_out(rng: np.random.Generator, layout: Any, count: int | None = None, *
 def _short(rng: np.random.Generator) -> Brought:
     simulation = scenery.usual(rng)
     return Brought(simulate(msgspec.structs.replace(simulation, duration_s=25.0)), healthy=True)
+
+
+def _long(rng: np.random.Generator) -> Brought:
+    """Three minutes at 5 Hz."""
+    simulation = scenery.usual(rng, int(rng.choice([3, 4])), frame_rate_hz=5.0)
+    thing = scenery.wander(rng, 180.0)
+    return Brought(simulate(msgspec.structs.replace(simulation, object=(thing,), duration_s=180.0)), healthy=True)
+
+
+def _wide(rng: np.random.Generator) -> Brought:
+    """A site of half a kilometre, on a hillside, with lenses to match."""
+    centres = scenery.ring(rng, scenery.usual_count(rng), radius_m=260.0)
+    centres[:, 2] += 0.15 * centres[:, 0]
+    middle, half = (0.0, 0.0, 110.0), (100.0, 100.0, 50.0)
+    cameras = scenery.stand(centres, middle, intrinsics=(1400.0, 1400.0, 960.0, 540.0))
+    thing = scenery.wander(rng, 75.0, middle=middle, half=half)
+    return Brought(simulate(scenery.scene(rng, cameras, thing, duration_s=75.0)), healthy=True)
+
+
+def _orbit(rng: np.random.Generator) -> Brought:
+    """A point of interest circled, with clocks that are vouched for."""
+    t = np.arange(-scenery.BEFORE_S, 75.0 + scenery.AFTER_S, 1.0)
+    angle = 2 * np.pi * t / float(rng.uniform(18, 30))
+    path = np.column_stack([40 * np.cos(angle), 40 * np.sin(angle), 45 + 6 * np.sin(1.7 * angle)])
+    cameras = scenery.stand(scenery.ring(rng, scenery.usual_count(rng)))
+    thing = scenery.through(path, step_s=1.0)
+    return Brought(simulate(scenery.scene(rng, cameras, thing, duration_s=75.0)), healthy=True)
 
 
 def _zooms(rng: np.random.Generator) -> Brought:
@@ -69,21 +96,7 @@ def _ceiling(rng: np.random.Generator) -> Brought:
     cameras = scenery.stand(centres, middle, roll_deg=180.0, intrinsics=(900.0, 900.0, 960.0, 540.0))
     thing = scenery.wander(rng, 75.0, middle=middle, half=half)
     simulated = simulate(scenery.scene(rng, cameras, thing, duration_s=75.0))
-    return Brought(levelled(simulated, rng, LEVEL_SIGMA_DEG), healthy=True)
-
-
-def levelled(simulated: Simulated, rng: np.random.Generator, sigma_deg: float) -> Simulated:
-    """The scene in which every camera knows where up is, to sigma_deg a horizontal axis."""
-    sites = {}
-    for site, truth in zip(simulated.scene.cameras, simulated.network.cameras, strict=True):
-        up = truth.R_cam_enu[:, 2] + np.radians(sigma_deg) * _across(truth.R_cam_enu, rng)
-        sites[site.id] = replace(site, up_cam=up / np.linalg.norm(up), up_sigma_deg=sigma_deg)
-    return with_sites(simulated, sites)
-
-
-def _across(R_cam_enu: Array, rng: np.random.Generator) -> Array:
-    east, north = rng.normal(0.0, 1.0, 2)
-    return np.asarray(R_cam_enu @ (east, north, 0.0))
+    return Brought(levelled(simulated, rng, LEVEL_SIGMA_DEG, LEVEL_SIGMA_DEG), healthy=True)
 
 
 def _all_low(rng: np.random.Generator) -> Brought:
@@ -129,7 +142,15 @@ HEALTHY: Final = (
     Kind("healthy_square", partial(_laid_out, layout=scenery.polygon, count=4), healthy=True),
     Kind("healthy_arc", partial(_laid_out, layout=scenery.arc), healthy=True),
     Kind("healthy_short", _short, healthy=True),
+    Kind("healthy_long", _long, healthy=True),
+    Kind("healthy_wide", _wide, healthy=True),
+    Kind("healthy_orbit", _orbit, healthy=True),
     Kind("healthy_zooms", _zooms, healthy=True),
+    Kind(
+        "healthy_lenses_1pc", partial(_usual, lens_error=LensFault(focal=0.01, centre_px=10.0, k1=0.01)), healthy=True
+    ),
+    Kind("healthy_30_hz", partial(_usual, frame_rate_hz=30.0, drift_px=0.5, drift_s=0.3), healthy=True),
+    Kind("healthy_clutter", partial(_usual, clutter_per_frame=0.5, outlier=0.05), healthy=True),
     Kind("healthy_sparse", _sparse, healthy=True),
     Kind("healthy_drift", partial(_usual, drift_px=2.0, drift_s=2.0), healthy=True),
     Kind("healthy_shutter", _rolling_shutter, healthy=True),

@@ -11,6 +11,7 @@ from calib.simulation.description import Metres3, Simulation
 from calib.simulation.simulation import simulate
 from tools.doubles.hazards import scenery
 from tools.doubles.hazards.brought import Brought
+from tools.doubles.hazards.levels import levelled
 from tools.doubles.hazards.table import Kind
 
 LONG_LENS: Final = {"intrinsics": (4000.0, 4000.0, 960.0, 540.0)}
@@ -84,10 +85,24 @@ def _fly_past(rng: np.random.Generator) -> Brought:
     return Brought(simulate(scenery.scene(rng, cameras, thing, duration_s=duration_s)), note=f"{speed_m_s:.0f} m/s")
 
 
+def _two_cameras(rng: np.random.Generator) -> Brought:
+    """Two cameras 15 m apart that know where up is to a degree or better."""
+    middle = (0.0, float(rng.uniform(70, 180)), 40.0)
+    half = (0.3 * middle[1], middle[1] - 40.0 if middle[1] < 140.0 else 60.0, 25.0)
+    centres = np.array([[-7.5, 0.0, 1.5], [7.5, 0.0, 1.5]]) + rng.normal(0, 0.5, (2, 3)) * (1, 1, 0.2)
+    cameras = scenery.stand(centres, middle, intrinsics=(1200.0, 1200.0, 960.0, 540.0))
+    thing = scenery.wander(rng, 90.0, middle=middle, half=scenery.metres3(np.array(half)))
+    degrees = float(rng.choice([0.1, 0.3, 1.0]))
+    simulated = simulate(scenery.scene(rng, cameras, thing, duration_s=90.0))
+    note = f"up known to {degrees:g} degrees, {middle[1]:.0f} m away"
+    return Brought(levelled(simulated, rng, degrees, degrees), note=note)
+
+
 WEAK: Final = (
     Kind("bar", _bar),
     Kind("base", _base),
     Kind("line_of_three", _line),
     Kind("hover", _hover),
     Kind("fly_past", _fly_past),
+    Kind("two_cameras", _two_cameras),
 )
