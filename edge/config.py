@@ -16,6 +16,7 @@ from edge.common.settings import build, load
 from edge.detector.formats import AUTO, FormatName, check_format
 from edge.gnss.decoders import ProtocolName, check_protocols
 from edge.lens import LensModel, LensName, check_lens_name
+from edge.link.security import Bearer
 from edge.link.settings import BOX_LINK, LinkSettings
 from edge.messages import Name, Pixel, SizePx, TimeNs
 
@@ -224,6 +225,11 @@ class BoxConfig(Section, frozen=True, kw_only=True):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"camera {twice[0]} is named twice: give each [[camera]] an id of its own")
+
+    @property
+    def bearer(self) -> Bearer:
+        """Whom the box's certificate has to be for."""
+        return Bearer(self.site, "camera", tuple(camera.id for camera in self.camera))
 
     def detector_of(self, camera: CameraConfig) -> DetectorConfig:
         """The camera's own detector settings, or else the box's."""

@@ -24,7 +24,7 @@ from edge.health import HealthBoard
 from edge.link.health import LinkHealth
 from edge.link.link import Link
 from edge.link.spool import Spool, SpoolSettings
-from edge.messages import Lens, Tracks, camera_key, encode
+from edge.messages import Lens, Tracks, camera_key, encode, station_key
 from edge.pictures.thumbnail import focus_score, thumbnail
 from edge.temperature import check_temperature
 
@@ -45,7 +45,7 @@ class Node:
         self._clock = ClockMonitor(config.clock)
         self._receiver = Receiver(config.gnss) if config.gnss else None
         self._link = Link(config.link, name=f"box {config.site}")
-        self._link_health = LinkHealth(self._link)
+        self._link_health = LinkHealth(self._link, config.bearer, station_key(config.site))
         self._boards = {camera.id: HealthBoard(self._epoch) for camera in config.camera}
         self._spools: dict[str, Spool] = {}
         self._notifier = Notifier()
@@ -73,6 +73,7 @@ class Node:
 
     def __enter__(self) -> "Node":
         self._resources.enter_context(self._link)
+        self._resources.enter_context(self._link_health)
         self._clock.start()
         if self._receiver:
             self._receiver.start()
@@ -154,6 +155,7 @@ class Node:
         return {**worker.counters(), **self._link_health.counters()}
 
     def __exit__(self, *_: object) -> None:
+        self._link_health.ask_to_stop()
         for worker in self.workers:
             worker.ask_to_stop()
         for worker in self.workers:

@@ -16,6 +16,7 @@ from edge.common.health import Check
 from edge.link.health import LinkHealth
 from edge.link.inbox import Presence, Received
 from edge.link.link import Link
+from edge.link.security import Bearer
 from edge.link.settings import LinkSettings
 from edge.messages import camera_key, station_key
 
@@ -30,7 +31,7 @@ class Boxes:
     def __init__(self, settings: LinkSettings, site: str, ledger: Path, stack: ExitStack) -> None:
         """ledger: file that remembers what was received. stack: closes the link. Raises ConfigError, LinkError."""
         self.link = stack.enter_context(Link(settings, name="station"))
-        self._health = LinkHealth(self.link)
+        self._health = stack.enter_context(LinkHealth(self.link, Bearer(site, "station")))
         self._tracks = self.link.subscribe(camera_key(site, "*", "tracks"), QUEUE)
         self._states = [self.link.watch_state(camera_key(site, "*", topic)) for topic in NEWEST_TOPICS]
         self._presence = self.link.watch_presence(camera_key(site, "*"))
@@ -75,7 +76,7 @@ class Boxes:
 
     def checks(self) -> list[Check]:
         """How the link is."""
-        return self._health.checks(who="the port")
+        return self._health.checks(who="the router")
 
     @property
     def counters(self) -> dict[str, float]:

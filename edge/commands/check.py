@@ -21,8 +21,9 @@ from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector.opening import open_detector
 from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.receiver import Receiver, check_antenna
-from edge.link.health import check_security
+from edge.link.counterpart import Counterpart
 from edge.link.link import Link
+from edge.link.security import check_security
 from edge.messages import station_key
 from edge.pipeline import CameraFacts, Pipeline, total_bound_s
 from edge.temperature import check_temperature
@@ -50,7 +51,7 @@ def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
         yield check_antenna(config.gnss)
     if config.spool:
         yield check_spool_folder(Path(config.spool.folder))
-    yield check_security(config.link, dt.datetime.now(dt.UTC))
+    yield check_security(config.link, dt.datetime.now(dt.UTC), config.bearer)
     yield check_link(config)
 
 
@@ -128,14 +129,17 @@ def check_spool_folder(folder: Path) -> Check:
 
 def check_link(config: BoxConfig) -> Check:
     """Whether a Zenoh session opens and a base station is there."""
-    with Link(config.link, name="check") as link:
-        presence = link.watch_presence(station_key(config.site))
-        if not link.wait_open(LINK_S):
-            return Check("link", "fail", link.error or "no session within 2 s", "check link.connect and the network")
-        if presence.get(LINK_S) is None:
-            action = "start it; observations are kept meanwhile" if config.spool else "start it"
-            return Check("link", "warn", f"no base station of site {config.site} answers", action)
-    return Check("link", "ok", "the base station answers")
+    who = "the base station"
+    with (
+        Link(config.link, name="check") as link,
+        Counterpart(link, config.bearer, station_key(config.site)) as base,
+    ):
+        if base.meets(LINK_S):
+            return Check("link", "ok", f"{who} answers")
+        why = base.why_not(who)
+    kept = "; observations are kept meanwhile" if config.spool and why.absent else ""
+    reason = f"no base station of site {config.site} answers: {why.reason}"
+    return Check("link", "warn" if why.absent else "fail", reason, why.action + kept)
 
 
 def failure(name: str, error: SkyfixError) -> Check:

@@ -3,9 +3,11 @@
 Everything that is not allowed here is denied. A camera's certificate may write below its own key and nowhere else, so
 a stolen box cannot speak for another; only the station's may write station keys, so nobody else can add an aircraft.
 Who is not on the list is connected to nothing, even with a valid certificate: that is how a certificate is revoked, as
-Zenoh knows no revocation lists. The list is read when the session opens.
+Zenoh knows no revocation lists. A common name is one certificate's alone, as its end is made of the key: whoever keeps
+a key that was revoked is not let in when the machine's name is issued again. The list is read when the session opens.
 """
 
+import datetime as dt
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -14,21 +16,37 @@ import msgspec
 from edge.common.errors import ConfigError
 from edge.messages import Name, camera_key, site_key, station_key
 
+Role = Literal["camera", "station", "reader", "router"]
+
 # What one side says, and what it asks; in Zenoh's words.
 _SPEAK: Final = ["put", "delete", "liveliness_token", "declare_queryable", "reply"]
 _ASK: Final = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 
 
 class Subject(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One certificate: its common name, what it is for, of which site, and which cameras it speaks for."""
+    """One certificate: its common name (AUTHORITY.NAME.KEY), what it is for, of which site, for which cameras."""
 
     common_name: str
-    role: Literal["camera", "station", "reader", "router"]
+    role: Role
     site: Annotated[str, msgspec.Meta(pattern=r"^(\*|[A-Za-z0-9_-]{1,64})$")] | None = (
         None  # None: the list's own; "*": all, for a headquarters that listens
     )
     cameras: tuple[Name, ...] = ()
     not_after: str  # ISO 8601, UTC; for people: the certificate itself decides
+
+    @property
+    def name(self) -> str:
+        """The machine's name, as it is issued and revoked by."""
+        return self.common_name.split(".")[1] if "." in self.common_name else self.common_name
+
+    @property
+    def ends(self) -> dt.datetime | None:
+        """When it is over; None if the list does not say it in a way that can be read."""
+        try:
+            end = dt.datetime.fromisoformat(self.not_after)
+        except ValueError:
+            return None
+        return end if end.tzinfo else end.replace(tzinfo=dt.UTC)
 
 
 class Access(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

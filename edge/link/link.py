@@ -210,6 +210,11 @@ class Link:
         return self._session.error
 
     @property
+    def neighbours(self) -> int | None:
+        """How many others the session was connected to when this was last asked; None before the first answer."""
+        return self._session.neighbours()
+
+    @property
     def counters(self) -> LinkCounters:
         """What this link did so far."""
         session = self._session

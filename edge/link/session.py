@@ -55,6 +55,8 @@ class LinkSession(OwnThread):
         self._callbacks: list[threading.Thread] = []
         self._state_watchers: list[Declare] = []
         self._states_due = 0.0
+        self._neighbours: int | None = None
+        self._counting = False
         self.opened = threading.Event()
         self.published = self.failed = self.open_failures = 0
         self.error = ""
@@ -74,6 +76,13 @@ class LinkSession(OwnThread):
         with self._changed:
             self._states_due = 0.0
             self._changed.notify_all()
+
+    def neighbours(self) -> int | None:
+        """The last count of those it is connected to, and a request for the next; None before the first."""
+        if not self._counting:
+            self._counting = True
+            self.request(self._count_neighbours)
+        return self._neighbours
 
     # The thread
 
@@ -139,6 +148,10 @@ class LinkSession(OwnThread):
         new = [thread for thread in threading.enumerate() if thread not in before and CALLBACK_THREAD in thread.name]
         self._callbacks = [thread for thread in self._callbacks if thread.is_alive()] + new
         return declared
+
+    def _count_neighbours(self, session: zenoh.Session) -> None:
+        self._neighbours = len(session.info.peers_zid()) + len(session.info.routers_zid())
+        self._counting = False
 
     def _has_work(self) -> bool:
         return bool(self._stop.is_set() or self._requests or self.outbox or self._patience_s() == 0)

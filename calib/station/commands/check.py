@@ -22,8 +22,8 @@ from calib.station.core.stored_state import StoredState
 from calib.station.outputs.registry import OutputHost, open_output, wanted
 from calib.station.survey.in_force import survey_file, twice_given, with_survey
 from edge.common.errors import ConfigError
-from edge.link.health import check_security
 from edge.link.ports import place, why_not_free
+from edge.link.security import Bearer, check_security
 
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
@@ -64,7 +64,7 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
     else:
         yield Line("WARN", "recording", "off", "set [recording] folder to be able to solve again afterwards")
     yield from _outputs(config, folder)
-    security = check_security(config.link, dt.datetime.now(dt.UTC))
+    security = check_security(config.link, dt.datetime.now(dt.UTC), Bearer(config.site.name, "station"))
     yield Line(VERDICTS[security.level], security.name, security.reason, security.action)
     for endpoint in config.link.listen:
         yield _listen(endpoint)

@@ -10,6 +10,7 @@ import logging
 import signal
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -18,10 +19,13 @@ from msgspec import Meta
 
 from edge.common.settings import load
 from edge.common.systemd_notify import Notifier
+from edge.health import HealthBoard
+from edge.link.health import LinkHealth
 from edge.link.link import Link
+from edge.link.security import Bearer
 from edge.link.settings import LinkSettings
 from edge.link.zenoh_log import ZenohLog
-from edge.messages import Health, Name, site_key
+from edge.messages import Name, site_key
 
 log = logging.getLogger("skyfix.router")
 
@@ -53,7 +57,9 @@ def route(config: RouterConfig) -> None:
         signal.signal(number, lambda *_: stop.set())
     notifier = Notifier()
     link = Link(msgspec.structs.replace(config.link, mode="router"), name=f"router {config.site}")
-    with ZenohLog() as zenoh_log, link:
+    with ZenohLog(), link, ExitStack() as stack:
+        link_health = stack.enter_context(LinkHealth(link, Bearer(config.site, "router")))
+        board = HealthBoard(time.time_ns() // 1_000_000)
         # Its own message, come round through the session, is the proof that the session turns.
         key = site_key(config.site, "router/health")
         echo = link.subscribe(key)
@@ -61,17 +67,8 @@ def route(config: RouterConfig) -> None:
         turns = 0
         while not stop.wait(TURN_S):
             turns += 1
-            link.publish(key, _health(zenoh_log.refusals.handshakes + zenoh_log.refusals.messages))
+            found = link_health.checks(who="the router above")
+            link.publish(key, board.update(time.time_ns(), found, link_health.counters()))
             echo.drain()
             notifier.feed({"session": echo.received}, time.monotonic(), link.error or "routing")
         notifier.stopping()
-
-
-def _health(refusals: int) -> Health:
-    return Health(
-        t_unix_ns=max(time.time_ns(), 10**18),
-        epoch=0,
-        level="ok",
-        items=[],
-        counters={"refused": float(refusals)},
-    )

@@ -2,6 +2,7 @@
 
 import datetime as dt
 import json
+import shutil
 import socket
 import ssl
 import subprocess
@@ -70,6 +71,13 @@ def authorities(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     certs(ours, "issue", "old", "--days=-1")
     certs(ours, "issue", "stolen")
     certs(ours, "revoke", "stolen")
+    # Of a box that was stolen, and whose name its successor got; of one that is being renewed.
+    for name, act in (("cam2", "issue"), ("cam3", "renew")):
+        certs(ours, "issue", name)
+        shutil.copytree(ours / "issued" / name, ours / "issued" / f"{name}-before")
+        if act == "issue":
+            certs(ours, "revoke", name)
+        certs(ours, act, name)
     return ours, theirs
 
 
@@ -170,6 +178,20 @@ def test_wrong_authority_expired_and_revoked_are_heard_by_nobody(
     assert heard == set()
     assert reason in said
     assert (handshakes > 0) == bool(reason), "a revoked certificate connects and is denied everything"
+
+
+@pytest.mark.parametrize(
+    ("certificate", "heard"),
+    [("cam2-before", False), ("cam2", True), ("cam3-before", True), ("cam3", True)],
+)
+def test_a_stolen_box_stays_out_when_its_name_is_issued_again_and_a_renewed_one_is_never_silent(
+    base: Base, authorities: tuple[Path, Path], until: Callable[..., bool], certificate: str, heard: bool
+) -> None:
+    ours, _ = authorities
+    key = camera_key(SITE, certificate.partition("-")[0], "tracks")
+    with Link(LinkSettings(connect=(base.endpoint,), tls=tls(ours, ours, certificate)), name=certificate) as box:
+        until(lambda: speak(box, key, times=1) or key in base.report()[0] or base.report()[2] > 9)
+        assert (key in base.report()[0]) is heard
 
 
 def test_without_a_certificate_nobody_gets_in(

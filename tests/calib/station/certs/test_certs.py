@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from edge.link.heading import read_heading
+
 
 def certs(folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-m", "calib.station.app", "certs", "--folder", str(folder), *arguments]
@@ -17,7 +19,12 @@ def certs(folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
 
 def listed(folder: Path) -> dict[str, dict[str, object]]:
     subjects = json.loads((folder / "access.json").read_text())["subjects"]
-    return {subject["common_name"]: subject for subject in subjects}
+    return {subject["common_name"].rpartition(".")[0]: subject for subject in subjects}
+
+
+def common_names(folder: Path, name: str) -> list[str]:
+    subjects = json.loads((folder / "access.json").read_text())["subjects"]
+    return [subject["common_name"] for subject in subjects if subject["common_name"].split(".")[1] == name]
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +56,51 @@ def test_renewing_keeps_the_rights_and_changes_the_key(authority: Path) -> None:
     assert (own / "key.pem").read_bytes() != before
     after = listed(authority)["hill.mast"]
     assert after.pop("not_after") != rights.pop("not_after")
+    assert after.pop("common_name") != rights.pop("common_name")
     assert after == rights
+
+
+def test_renewing_leaves_the_one_before_on_the_list_until_it_ends(authority: Path) -> None:
+    certs(authority, "issue", "cam7", "--days", "10")
+    certs(authority, "issue", "ended", "--days=-1")
+    first = common_names(authority, "cam7")
+    certs(authority, "renew", "cam7")
+    both = common_names(authority, "cam7")
+    assert len(both) == 2
+    assert both[0] == first[0]
+    assert common_names(authority, "ended") == []
+    certs(authority, "revoke", "cam7")
+    assert common_names(authority, "cam7") == []
+
+
+def test_a_name_that_is_issued_again_is_another_certificates(authority: Path) -> None:
+    certs(authority, "issue", "cam8")
+    stolen = common_names(authority, "cam8")
+    certs(authority, "issue", "cam8")  # without a word of revoking
+    assert len(common_names(authority, "cam8")) == 1
+    assert common_names(authority, "cam8") != stolen
+
+
+def test_a_list_of_before_is_read_renewed_and_revoked(authority: Path) -> None:
+    """Its common names had no fingerprint."""
+    certs(authority, "issue", "cam5")
+    text = (authority / "access.json").read_text()
+    (authority / "access.json").write_text(text.replace(common_names(authority, "cam5")[0], "hill.cam5"))
+    assert certs(authority, "renew", "cam5").returncode == 0
+    assert common_names(authority, "cam5")[0] == "hill.cam5"
+    assert len(common_names(authority, "cam5")) == 2
+    assert certs(authority, "revoke", "cam5").returncode == 0
+    assert common_names(authority, "cam5") == []
+
+
+def test_site_role_and_cameras_stand_above_the_certificate_and_nothing_outlives_the_authority(authority: Path) -> None:
+    certs(authority, "issue", "east", "--camera", "cam1", "--camera", "cam2", "--site", "lake", "--days", "9999")
+    heading = read_heading(authority / "issued" / "east" / "certificate.pem")
+    of_all = read_heading(authority / "authority.pem")
+    assert heading is not None
+    assert of_all is not None
+    assert (heading.site, heading.role, heading.cameras) == ("lake", "camera", ("cam1", "cam2"))
+    assert heading.ends == of_all.ends
 
 
 def test_revoking_takes_a_name_off_the_list(authority: Path) -> None:
@@ -65,6 +116,7 @@ def test_revoking_takes_a_name_off_the_list(authority: Path) -> None:
     [
         (("init", "hill"), 2, "there is an authority already"),
         (("issue", "../cam0"), 2, "is no name"),
+        (("issue", "c" * 64), 2, "too long for a certificate"),
         (("renew", "nobody"), 2, "known are: "),
         (("issue", "cam9", "--role", "god"), 2, "invalid choice"),
     ],
