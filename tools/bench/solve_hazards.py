@@ -2,6 +2,7 @@
 
     python -m tools.bench.solve_hazards [--scenes 300] [--seed 0] [--split choose] [--kinds A,B] [--processes 2]
                                         [--csv FILE] [--limit 60] [--keep FOLDER] [--list]
+    python -m tools.bench.solve_hazards --cases ../shared/cases/solve
 
 Every scene is written as a track folder, solved as `base-station solve` does, graded, and held against the truth
 (tools/doubles/hazards/verdict.py says how). Exit code 1 if a trajectory is confidently wrong.
@@ -34,6 +35,7 @@ from calib.station.report import summarise
 from tools.doubles.hazards import accusations, folder
 from tools.doubles.hazards.accusations import Accusation
 from tools.doubles.hazards.brought import Brought
+from tools.doubles.hazards.cases import brought_from
 from tools.doubles.hazards.kinds import KINDS, Split, draw, planned
 from tools.doubles.hazards.verdict import score
 from tools.paper.trials import ONE_THREAD
@@ -75,7 +77,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Job:
-    """A scene to solve. keep: folder to leave it in, or None."""
+    """A scene to solve. keep: folder to leave it in, or None. case: a scene file instead of one that is drawn."""
 
     kind: str
     number: int
@@ -83,12 +85,13 @@ class Job:
     seed: int
     limit_s: float
     keep: Path | None
+    case: Path | None = None
 
 
 def judge(job: Job) -> Answer:
     """Draw, solve and judge one scene."""
     logging.disable(logging.WARNING)
-    brought = draw(job.kind, job.split, job.seed, job.number)
+    brought = brought_from(job.case) if job.case else draw(job.kind, job.split, job.seed, job.number)
     answered = partial(
         Answer,
         kind=job.kind,
@@ -172,7 +175,7 @@ def table(got: list[Answer]) -> Iterator[str]:
         "kind                  scenes solved refus. limit  CPU s  RMSE m sigma m NEES/3 beyond   wrong innoc. grades"
     )
     yield heading
-    for kind in [name for name in KINDS if any(answer.kind == name for answer in got)]:
+    for kind in dict.fromkeys(answer.kind for answer in got):
         yield _line(kind, [answer for answer in got if answer.kind == kind])
     yield _line("ALL", got)
 
@@ -196,7 +199,7 @@ def _line(name: str, got: list[Answer]) -> str:
 
 def failures(got: list[Answer]) -> Iterator[str]:
     """Every scene that is not as it should be: confidently wrong, healthy and refused, somebody innocent named."""
-    for answer in sorted(got, key=lambda each: (list(KINDS).index(each.kind), each.number)):
+    for answer in got:
         where = f"{answer.kind} {answer.number} ({answer.cameras} cameras{', ' * bool(answer.note)}{answer.note})"
         if answer.wrong:
             yield (
@@ -239,7 +242,7 @@ def _write(got: list[Answer], path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(Answer)])
         writer.writeheader()
-        for answer in sorted(got, key=lambda each: (list(KINDS).index(each.kind), each.number)):
+        for answer in got:
             writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in asdict(answer).items()})
 
 
@@ -254,8 +257,17 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--limit", type=float, default=LIMIT_S, metavar="S", help="CPU seconds of one scene (60)")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="one row a scene")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="leave the track folders there")
+    parser.add_argument("--cases", type=Path, metavar="FOLDER", help="the scene files of a folder instead")
     parser.add_argument("--list", action="store_true", help="the kinds, and nothing else")
     return parser.parse_args(argv)
+
+
+def _jobs(asked: argparse.Namespace, kinds: list[str]) -> list[Job]:
+    given = {"split": asked.split, "seed": asked.seed, "limit_s": asked.limit, "keep": asked.keep}
+    if asked.cases:
+        return [Job(kind=path.stem, number=0, case=path, **given) for path in sorted(asked.cases.glob("*.toml"))]
+    plan = planned(kinds, asked.scenes) if asked.number is None else [(kind, asked.number) for kind in kinds]
+    return [Job(kind=kind, number=number, **given) for kind, number in plan]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -266,13 +278,14 @@ def main(argv: list[str] | None = None) -> int:
     if asked.list or not kinds:
         print("\n".join(KINDS))
         return 0 if kinds else 2
-    plan = planned(kinds, asked.scenes) if asked.number is None else [(kind, asked.number) for kind in kinds]
-    jobs = [Job(kind, number, asked.split, asked.seed, asked.limit, asked.keep) for kind, number in plan]
+    jobs = _jobs(asked, kinds)
     got = []
     for answer in answers(jobs, asked.processes):
         got.append(answer)
         print(f"\r{len(got)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
+    order = list(dict.fromkeys((*KINDS, *(job.kind for job in jobs))))
+    got.sort(key=lambda answer: (order.index(answer.kind), answer.number))
     if asked.csv:
         _write(got, asked.csv)
     print(f"split {asked.split}, seed {asked.seed}, {len(jobs)} scenes")
