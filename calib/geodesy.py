@@ -5,15 +5,12 @@ condition number of 1e12. So everything is estimated in ENU about a fixed origin
 called only where a survey comes in and a position goes out. The arithmetic is pymap3d's.
 """
 
-from typing import Final
-
 import numpy as np
 import pymap3d
 
 from edge.common.arrays import Array
 
 Origin = tuple[float, float, float]  # latitude deg, longitude deg, ellipsoidal height m
-HALF_TURN_DEG: Final = 180.0
 
 
 def geodetic_to_enu(geodetic: Array, origin: Origin) -> Array:
@@ -25,15 +22,12 @@ def geodetic_to_enu(geodetic: Array, origin: Origin) -> Array:
 def mean_position(geodetic: Array) -> Origin:
     """The middle of (N, 3) latitude deg, longitude deg, ellipsoidal height m, all of one site.
 
-    Across the date line too, where the mean of the longitudes themselves is on the other side of the Earth.
+    Its place is that of the mean in ECEF: degrees have no mean across the date line or at a pole.
     """
-    places = np.array(geodetic, float).reshape(-1, 3)
-    beyond = places[:, 1] - places[0, 1]
-    places[:, 1] -= np.where(np.abs(beyond) > HALF_TURN_DEG, 2 * HALF_TURN_DEG * np.sign(beyond), 0.0)
-    latitude, longitude, height = places.mean(axis=0).tolist()
-    if abs(longitude) > HALF_TURN_DEG:
-        longitude -= 2 * HALF_TURN_DEG * np.sign(longitude)
-    return latitude, float(longitude), height
+    places = np.asarray(geodetic, float).reshape(-1, 3)
+    ecef = np.column_stack(pymap3d.geodetic2ecef(*places.T))
+    latitude, longitude, _ = pymap3d.ecef2geodetic(*ecef.mean(axis=0))
+    return float(latitude), float(longitude), float(places[:, 2].mean())
 
 
 def enu_to_geodetic(enu: Array, origin: Origin) -> Array:

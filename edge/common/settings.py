@@ -35,7 +35,7 @@ def load(path: Path | str, kind: type[Settings]) -> Settings:
     """The settings in a TOML file. Raises ConfigError naming file, key, what is allowed and the nearest valid key."""
     file = Path(path)
     try:
-        text = file.read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8-sig")  # some editors begin a file with an invisible mark
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(
             f"cannot be read ({error})", where=str(file), action="give the path of a readable TOML file"
@@ -118,25 +118,25 @@ def _join(path: str, key: str) -> str:
 def _type_at(kind: type[msgspec.Struct], path: str) -> inspect.Type:
     """The declared type at a path such as `.camera[0].source`."""
     found: inspect.Type = inspect.type_info(kind)
-    for name, _ in _STEP.findall(path):
-        found = _inside(found, name)
+    for name, index in _STEP.findall(path):
+        found = _inside(found, name, index)
     return found
 
 
-def _inside(parent: inspect.Type, name: str) -> inspect.Type:
-    """One step down: the field `name`, or the items where `name` is empty."""
+def _inside(parent: inspect.Type, name: str, index: str) -> inspect.Type:
+    """One step down: the field `name`, or where `name` is empty the item `index`, or any."""
     if isinstance(parent, inspect.Metadata):
-        return _inside(parent.type, name)
+        return _inside(parent.type, name, index)
     if isinstance(parent, inspect.UnionType):
         wanted = inspect.StructType if name else (inspect.VarTupleType, inspect.TupleType, inspect.ListType)
         options = [option for option in map(_bare, parent.types) if isinstance(option, wanted)]
-        return _inside(options[0], name) if options else parent
+        return _inside(options[0], name, index) if options else parent
     if isinstance(parent, inspect.StructType):
         return next((field.type for field in parent.fields if field.encode_name == name), parent)
     if isinstance(parent, inspect.VarTupleType | inspect.ListType):
         return parent.item_type
     if isinstance(parent, inspect.TupleType):
-        return parent.item_types[0]
+        return parent.item_types[int(index) if index.isdigit() else 0]
     return parent
 
 

@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 
 from calib.geodesy import R_ecef_enu, ecef_to_geodetic
-from calib.station.archive import recording
-from calib.station.archive.tables import numbers, read_table, whole_numbers
+from calib.station.archive import recording, tables
 from calib.station.export.flown import Flown, Track
 from edge.common.arrays import Array
 from edge.common.errors import MessageError, SkyfixError
@@ -46,9 +45,9 @@ def _trajectory_in(path: Path) -> Path:
 
 
 def _of_trajectory(path: Path) -> tuple[Track, ...]:
-    table = read_table(path, ("t_unix_ns", "track", *AXES, *SIGMAS))
-    stamps, owners = (whole_numbers(path, table[column]) for column in ("t_unix_ns", "track"))
-    ecef, sigma = (np.column_stack([numbers(path, table[column]) for column in columns]) for columns in (AXES, SIGMAS))
+    table = tables.read(path, ("t_unix_ns", "track", *AXES, *SIGMAS), SkyfixError)
+    stamps, owners = (table.whole(column) for column in ("t_unix_ns", "track"))
+    ecef, sigma = (np.column_stack([table.finite(column) for column in columns]) for columns in (AXES, SIGMAS))
     rows_of = [np.flatnonzero(owners == number) for number in np.unique(owners)]
     return tuple(_track(int(owners[rows[0]]), stamps[rows].tolist(), ecef[rows], sigma[rows]) for rows in rows_of)
 

@@ -14,6 +14,7 @@ from msgspec import Meta
 from calib.geodesy import Origin, geodetic_to_enu, mean_position
 from calib.observations import SiteCamera
 from calib.station.config import UNSTATED_SIGMA_M, Geodetic, Sigmas
+from calib.station.core import site_extent
 from edge.common import settings
 from edge.common.errors import ConfigError, LensError
 from edge.lens import LensModel, LensName, check_lens_name
@@ -59,7 +60,22 @@ def read(path: Path) -> SiteFile:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ConfigError(f"camera {twice[0]} is named twice", where=str(path), action="give each camera its own id")
+    _refuse_impossible(file, path)
     return file
+
+
+def _refuse_impossible(file: SiteFile, path: Path) -> None:
+    """Raises ConfigError for positions that no site has."""
+    places = {camera.id: camera.position for camera in file.camera if camera.position is not None}
+    for name, why in site_extent.too_far(places).items():
+        raise ConfigError(why, where=f"{path}: camera {name}", action=site_extent.CORRECT_IT)
+    if site_extent.all_in_one_place(places):
+        raise ConfigError(
+            "all cameras have the same position", where=str(path), action="give each the position of its own lens"
+        )
+    if file.site.origin is not None and site_extent.exchanged(places, file.site.origin):
+        what = "latitude and longitude are exchanged: that way all cameras are near the origin"
+        raise ConfigError(what, where=str(path), action=site_extent.CORRECT_IT)
 
 
 def load(path: Path) -> tuple[str, Origin, tuple[SiteCamera, ...]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib.scoring.alignment import ALIGNMENTS
 from calib.scoring.timing import TIMINGS, Path
 from calib.scoring.trajectory import LONGEST_BRIDGED_S, Evaluation, evaluate
-from calib.station.archive.tables import numbers, read_table, whole_numbers
+from calib.station.archive import tables
 from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
 
@@ -21,8 +21,8 @@ SHARED_SHARE = 0.1
 
 def read_truth(path: FilePath) -> Path:
     """A truth.csv: t_s, east_m, north_m, up_m."""
-    table = read_table(path, ("t_s", "east_m", "north_m", "up_m"))
-    return _path(numbers(path, table["t_s"]), _positions(path, table))
+    table = tables.read(path, ("t_s", "east_m", "north_m", "up_m"), SkyfixError)
+    return _path(table.finite("t_s"), _positions(table))
 
 
 def read_trajectory(path: FilePath, track: int | None = None) -> tuple[Path, tuple[int, ...]]:
@@ -30,14 +30,14 @@ def read_trajectory(path: FilePath, track: int | None = None) -> tuple[Path, tup
 
     track: one track alone; None takes the longest, and every other that hardly overlaps those already taken.
     """
-    table = read_table(path, ("t_unix_ns", "track", "east_m", "north_m", "up_m"))
-    tracks = whole_numbers(path, table["track"])
-    stamps = whole_numbers(path, table["t_unix_ns"])
+    table = tables.read(path, ("t_unix_ns", "track", "east_m", "north_m", "up_m"), SkyfixError)
+    tracks = table.whole("track")
+    stamps = table.whole("t_unix_ns")
     taken = (track,) if track is not None else _one_object(stamps, tracks)
     rows = np.isin(tracks, taken)
     if not rows.any():
         raise SkyfixError(f"no rows of track {track}", where=str(path), action=f"it has {sorted(set(tracks))}")
-    return _path(np.asarray(stamps[rows] * 1e-9, float), _positions(path, table)[rows]), taken
+    return _path(np.asarray(stamps[rows] * 1e-9, float), _positions(table)[rows]), taken
 
 
 def _one_object(stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> tuple[int, ...]:
@@ -59,8 +59,10 @@ def _path(t_s: Array, enu: Array) -> Path:
     return Path(times, enu[first])
 
 
-def _positions(path: FilePath, table: dict[str, list[str]]) -> Array:
-    return np.column_stack([numbers(path, table[axis]) for axis in ("east_m", "north_m", "up_m")])
+def _positions(table: tables.CsvTable) -> Array:
+    if not table.lines:
+        raise table.source.fault("it has a header and no row", "give a file with positions")
+    return np.column_stack([table.finite(axis) for axis in ("east_m", "north_m", "up_m")])
 
 
 def table(result: Evaluation) -> str:

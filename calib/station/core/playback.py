@@ -15,6 +15,7 @@ from calib.observations import Frame, Scene
 from calib.station.config import CameraSection
 from calib.station.core.intake import CameraIntake, Intake
 from calib.station.core.positions import Positions
+from calib.station.core.site_extent import CORRECT_IT
 from calib.station.core.surveyed_site import SurveyedSite
 from calib.station.core.window import CameraWindow, Window
 from edge.common.errors import ConfigError
@@ -156,7 +157,13 @@ class _Playback:
     def _place(self) -> None:
         """Choose the frame's origin. Live waits until three cameras have a position; here no more will come."""
         boxes = self._intake.cameras
-        placed = {n: c for n, c in self._sections.items() if c.position is not None or boxes[n].fix is not None}
+        self._positions.update(boxes)
+        far = self._positions.unbelieved
+        placed = {
+            n: c
+            for n, c in self._sections.items()
+            if (c.position is not None or boxes[n].fix is not None) and n not in far
+        }
         if placed and self._positions.origin is None:
             known = Positions(placed, None)
             known.update(boxes)
@@ -164,6 +171,8 @@ class _Playback:
 
     def _refused(self) -> Iterator[RefusedRows]:
         yield from self._forgotten
+        for name, why in self._positions.unbelieved.items():
+            yield RefusedRows(name, 1, f"{why}; it is solved as if not surveyed", CORRECT_IT)
         for name in self._in_order():
             camera = self._intake.cameras[name]
             for kind, (reason, action, _) in camera.faults.items():

@@ -1,10 +1,11 @@
 """Where the cameras stand, from whichever source says so: the configuration and its survey, or the boxes.
 
-Two hazards. A frame that moves: all estimation is about one origin; it is fixed by the first complete set of positions
-and kept, because a better fix of one tripod must not shift every target by a metre. And a position of another point:
-a receiver measures its antenna, the geometry needs the lens. The offset between them has one home, the box
-(gnss.lever_arm_m), and a fix says which point it is of; where that is the antenna, sigma covers the offset that nobody
-measured, or every target would be off by it with a sigma that says otherwise.
+Three hazards. A position of another country (core/site_extent.py). A frame that moves: all estimation is about one
+origin; it is fixed by the first complete set of positions and kept, because a better fix of one tripod must not shift
+every target by a metre. And a position of another point: a receiver measures its antenna, the geometry needs the lens.
+The offset between them has one home, the box (gnss.lever_arm_m), and a fix says which point it is of; where that is the
+antenna, sigma covers the offset that nobody measured, or every target would be off by it with a sigma that says
+otherwise.
 """
 
 from typing import Final
@@ -15,6 +16,7 @@ from calib.geodesy import Origin, geodetic_to_enu, mean_position
 from calib.observations import SiteCamera
 from calib.station.config import MIN_CAMERAS, CameraSection, Sigmas
 from calib.station.core.intake import CameraIntake
+from calib.station.core.site_extent import CORRECT_IT, too_far
 from edge.common.arrays import Array
 from edge.common.health import Check
 from edge.messages import Fix
@@ -48,14 +50,18 @@ class Positions:
 
     def __init__(self, cameras: dict[str, CameraSection], origin: Origin | None) -> None:
         self._cameras = cameras
+        self._places: dict[str, Origin] = {}
+        self.unbelieved: dict[str, str] = {}  # camera: why its position is not used
         self.origin = origin
 
     def update(self, boxes: dict[str, CameraIntake]) -> None:
-        """Choose the origin, once enough positions are known."""
-        if self.origin is None:
-            known = [place[0] for camera in self._cameras if (place := self._geodetic(camera, boxes[camera]))]
-            if len(known) >= min(MIN_CAMERAS, len(self._cameras)):
-                self.origin = mean_position(np.array(known))
+        """See which positions can be of one site, and choose the origin once enough are known."""
+        known = {camera: place[0] for camera in self._cameras if (place := self._geodetic(camera, boxes[camera]))}
+        if known != self._places:
+            self._places, self.unbelieved = known, too_far(known)
+        believed = [place for camera, place in known.items() if camera not in self.unbelieved]
+        if self.origin is None and believed and len(believed) >= min(MIN_CAMERAS, len(self._cameras)):
+            self.origin = mean_position(np.array(believed))
 
     def _geodetic(self, camera: str, box: CameraIntake) -> tuple[Origin, Sigmas] | None:
         section = self._cameras[camera]
@@ -66,15 +72,16 @@ class Positions:
     def of(self, camera: str, box: CameraIntake) -> tuple[Array, Array] | None:
         """(3,) ENU metres and (3, 3) covariance of a camera's optical centre, or None if it is not known."""
         place = self._geodetic(camera, box)
-        if place is None or self.origin is None:
+        if place is None or self.origin is None or camera in self.unbelieved:
             return None
         geodetic, sigma_m = place
         return geodetic_to_enu(np.array([geodetic]), self.origin)[0], np.diag(np.square(sigma_m))
 
     def checks(self, boxes: dict[str, CameraIntake]) -> list[Check]:
-        """The cameras whose position in force is their antenna's."""
+        """The cameras whose position is not of this site, or in force and their antenna's."""
+        far = [Check(f"position {camera}", "fail", why, CORRECT_IT) for camera, why in self.unbelieved.items()]
         used = [box for camera, box in boxes.items() if self._cameras[camera].position is None]
-        return [check for box in used if box.fix is not None for check in check_offset(box.id, box.fix)]
+        return far + [check for box in used if box.fix is not None for check in check_offset(box.id, box.fix)]
 
     def site_camera(self, camera: str, box: CameraIntake) -> SiteCamera | None:
         """What is known of a camera before calibrating, or None without a lens."""

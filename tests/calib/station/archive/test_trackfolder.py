@@ -110,9 +110,9 @@ def test_what_is_known_of_a_camera_arrives(tmp_path: Path) -> None:
     ("rows", "named"),
     [
         (["x,1,2,3,"], ["cam0.csv", "t_unix_ns", "whole nanoseconds"]),
-        ([good(0, u="left")], ["cam0.csv", "u_px", "give numbers"]),
-        ([good(0, track="a")], ["cam0.csv", "track", "whole numbers"]),
-        ([good(0), "1,2"], ["cam0.csv", "row 3 has 2 of 5 columns"]),
+        ([good(0, u="left")], ["cam0.csv, line 2", "u_px", "give numbers"]),
+        ([good(0), "1,2"], ["cam0.csv, line 3", "has 2 of 5 columns"]),
+        ([good(0), "", "# a remark", good(1, u="left")], ["cam0.csv, line 5", "'left' is no number"]),
     ],
 )
 def test_what_cannot_be_read_is_named_with_its_line(rows: list[str], named: list[str], tmp_path: Path) -> None:
@@ -125,3 +125,47 @@ def test_what_cannot_be_read_is_named_with_its_line(rows: list[str], named: list
 def test_a_folder_without_rows_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(SkyfixError, match="no row"):
         play_back(folder_of(tmp_path / "f", cam0=[], cam1=[], cam2=[]))
+
+
+def walk(*, size_px: tuple[float, float], every: int = 1) -> list[str]:
+    """A flight over a whole picture, there and back in both directions."""
+    t = np.arange(0, 400, every)
+    u = size_px[0] * (0.5 + 0.45 * np.sin(t / 23))
+    v = size_px[1] * (0.5 + 0.45 * np.sin(t / 31))
+    return [f"{T_NS + k * STEP_NS},{a:.2f},{b:.2f},1," for k, a, b in zip(t.tolist(), u, v, strict=True)]
+
+
+@pytest.mark.parametrize(("size", "turned"), [((1080, 1920), True), ((3840, 2160), False)])
+def test_tracks_of_another_picture_than_the_lens_are_named(size: tuple[int, int], turned: bool, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cam0\.csv: \d+ rows lie outside the 1920 x 1080 picture") as caught:
+        trackfolder.read(folder_of(tmp_path / "f", cam0=walk(size_px=size)))
+    assert ("a picture that is turned" in str(caught.value)) == turned
+
+
+def test_a_trackers_guesses_beyond_the_edge_are_dropped_as_ever(tmp_path: Path) -> None:
+    """It goes on in a straight line for a second wherever the object left the picture, and at 0, 0 when it gives up."""
+    rows = walk(size_px=(1920, 1080))
+    beyond = [good(400 + k, u=2030 + 30 * (k % 10)) for k in range(60)]
+    unseen = [good(500 + k, u=-999.0) for k in range(100)]
+    seen = read(folder_of(tmp_path / "f", cam0=[*rows, *beyond, *unseen]))
+    assert len(seen) == 400
+
+
+def test_names_that_differ_by_case_only_are_named(tmp_path: Path) -> None:
+    path = folder_of(tmp_path / "f")
+    (path / "tracks" / "cam0.csv").rename(path / "tracks" / "Cam0.csv")
+    with pytest.raises(ConfigError, match=r"Cam0\.csv: is no camera's, .* camera cam0 .* by case") as caught:
+        trackfolder.read(path)
+    assert caught.value.action == "rename it to cam0.csv"
+
+
+def test_a_suffix_in_capitals_is_a_track_file(tmp_path: Path) -> None:
+    path = folder_of(tmp_path / "f")
+    (path / "tracks" / "cam0.csv").rename(path / "tracks" / "cam0.CSV")
+    assert len(read(path)) == 40
+
+
+def test_a_pixel_that_is_not_said_is_no_measurement(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    rows = [good(k, u="" if k % 4 == 0 else 900.0) for k in range(40)]
+    assert len(read(folder_of(tmp_path / "f", cam0=rows))) == 30
+    assert "10 rows whose pixel is none, the first in line 2" in caplog.text

@@ -8,7 +8,8 @@ import pytest
 from msgspec.structs import replace
 
 from calib.station.config import BaseConfig, CameraSection, SiteSection, load
-from calib.station.core.positions import UNKNOWN_OFFSET_M, lens_position
+from calib.station.core.intake import CameraIntake
+from calib.station.core.positions import UNKNOWN_OFFSET_M, Positions, lens_position
 from calib.station.core.station import Station
 from calib.station.core.stored_state import StoredState
 from edge.common.errors import ConfigError
@@ -113,3 +114,29 @@ def test_the_bases_old_key_is_refused_with_where_it_went(tmp_path: Path) -> None
     assert "opposite sign" in caught.value.action
     assert "If the box has it already" in caught.value.action
     assert "did you mean" not in str(caught.value)
+
+
+@pytest.mark.parametrize("centre", [(47.4, 8.5, 500.0), (-16.8, 180.0, 20.0)])
+def test_a_position_of_another_country_is_not_believed_and_said(centre: tuple[float, float, float]) -> None:
+    east = 1e-3
+    places = [
+        (centre[0], centre[1] - east, 500.0),
+        (centre[0] + east, -centre[1] if centre[1] == 180 else centre[1], 500.0),
+    ]
+    places += [
+        (centre[0] - east, -centre[1] + east if centre[1] == 180 else centre[1] + east, 500.0),
+        (8.5, 47.4, 500.0),
+    ]
+    sections = {f"cam{k}": CameraSection(id=f"cam{k}", position=place) for k, place in enumerate(places)}
+    boxes = {name: CameraIntake(name) for name in sections}
+    positions = Positions(sections, None)
+    positions.update(boxes)
+    assert positions.origin is not None
+    assert positions.of("cam3", boxes["cam3"]) is None
+    for name in ("cam0", "cam1", "cam2"):
+        place = positions.of(name, boxes[name])
+        assert place is not None
+        assert np.linalg.norm(place[0]) < 200
+    (check,) = positions.checks(boxes)
+    assert (check.name, check.level) == ("position cam3", "fail")
+    assert "km from the other cameras" in check.reason

@@ -156,7 +156,7 @@ def test_what_cannot_be_exported_is_said(tmp_path: Path, capsys: pytest.CaptureF
     assert "solve it first" in capsys.readouterr().err
     (tmp_path / "trajectory.csv").write_text(TRAJECTORY.replace(str(T0_NS), "noon", 1))
     assert main(["export", str(tmp_path), "--as", "kml", "-o", out]) == 1
-    assert "not a whole number" in capsys.readouterr().err
+    assert "'noon' is not a whole number" in capsys.readouterr().err
     (tmp_path / "trajectory.csv").write_text(TRAJECTORY)
     assert main(["export", str(tmp_path), "--as", "csv", "--undulation-m", "47", "-o", out]) == 2
     assert main(["export", str(tmp_path), "--as", "kml", "-o", str(tmp_path / "no" / "out.kml")]) == 1
