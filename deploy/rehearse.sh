@@ -8,7 +8,6 @@
 set -euo pipefail
 
 bundle=${1:?give the bundle: make bundle} role=${2:-edge} folder=${3:-/var/tmp/skyfix-rehearsal}
-here=$(cd "$(dirname "$0")" && pwd)
 arch=${ARCH:-$(dpkg --print-architecture)}
 root=$folder/debian-$arch
 if [ ! -e "$root/.done" ]; then
@@ -18,16 +17,16 @@ if [ ! -e "$root/.done" ]; then
 fi
 rm -rf "$folder/try"
 cp -a "$root" "$folder/try"
-cp "$bundle" "$folder/try/root/bundle.tar"
-cp "$here/install.sh" "$folder/try/root/"
+mkdir "$folder/try/root/bundle"
+tar -xf "$bundle" -C "$folder/try/root/bundle" --strip-components=1
 # No network, no environment, nothing mounted but /proc.
 unshare --net --mount --pid --fork env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin bash -euc "
     mount -t proc proc '$folder/try/proc'
-    chroot '$folder/try' /root/install.sh '$role' --offline /root/bundle.tar
+    chroot '$folder/try' /root/bundle/install.sh '$role'
     echo '--- again'
-    chroot '$folder/try' /root/install.sh '$role' --offline /root/bundle.tar
+    chroot '$folder/try' /root/bundle/install.sh '$role'
     echo '--- and off'
-    chroot '$folder/try' /root/install.sh uninstall --purge
+    chroot '$folder/try' /root/bundle/install.sh uninstall --purge
     chroot '$folder/try' test ! -e /opt/skyfix
 "
 echo "rehearsed: $role on $arch"

@@ -18,6 +18,7 @@ PACKAGES: Final = {
     "gpsdecode": "gpsd-clients",
     "ip": "iproute2",
     "socat": "socat",
+    "ssh-keygen": "openssh-client",
     "str2str": "rtklib",
     "systemd-analyze": "systemd",
     "tshark": "tshark",

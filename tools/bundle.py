@@ -3,6 +3,7 @@
     python -m tools.bundle                      dist/skyfix-<version>-bundle.tar, for x86-64 and arm64
     python -m tools.bundle --machine x86_64     for one of them
     python -m tools.bundle --python 3.13        for another Python than Debian 12's
+    python -m tools.bundle --sign KEY           signed with an SSH key; machines that took one take only its like
 
 Wheels of exactly the versions and hashes in requirements.lock, the installer, units, configuration templates, and a
 checksum of each file. The same tree gives the same bytes.
@@ -19,6 +20,7 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+from deploy.installer.source import SIGNED_AS, SUMS
 from edge import __version__
 
 ROOT: Final = Path(__file__).parents[1]
@@ -97,8 +99,22 @@ def lay_out(folder: Path, machines: list[str], pythons: list[str]) -> None:
             shutil.copy2(source, folder / name)
     shutil.copy2(ROOT / "deploy" / "install.sh", folder / "install.sh")
     files = sorted(path for path in folder.rglob("*") if path.is_file())
-    sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(folder)}\n" for path in files]
-    (folder / "SHA256SUMS").write_text("".join(sums))
+    (folder / SUMS).write_text("".join(_sum(path, folder) for path in files))
+
+
+def sign(folder: Path, key: Path) -> None:
+    """Sign the list of checksums, and say with which key: `ssh-keygen -Y`, as the installer verifies it."""
+    public = key.with_name(f"{key.name}.pub").read_text().split()
+    signers = folder / "signers"
+    signers.write_text(f'skyfix namespaces="{SIGNED_AS}" {" ".join(public[:2])}\n')
+    with (folder / SUMS).open("a") as sums:
+        sums.write(_sum(signers, folder))
+    words = ["ssh-keygen", "-q", "-Y", "sign", "-f", str(key), "-n", SIGNED_AS, str(folder / SUMS)]
+    subprocess.run(words, check=True)
+
+
+def _sum(file: Path, folder: Path) -> str:
+    return f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(folder)}\n"
 
 
 def pack(folder: Path, archive: Path) -> None:
@@ -123,10 +139,13 @@ def main() -> int:
     parser.add_argument("--machine", action="append", choices=sorted(PLATFORMS), help="default: all")
     parser.add_argument("--python", action="append", metavar="3.X", help="default: 3.11, Debian 12's; repeatable")
     parser.add_argument("--to", type=Path, default=ROOT / "dist", help="folder (default: dist)")
+    parser.add_argument("--sign", type=Path, metavar="KEY", help="an SSH private key; KEY.pub beside it")
     options = parser.parse_args()
     archive = options.to / f"skyfix-{__version__}-bundle.tar"
     with tempfile.TemporaryDirectory() as temporary:
         lay_out(Path(temporary), options.machine or sorted(PLATFORMS), options.python or ["3.11"])
+        if options.sign is not None:
+            sign(Path(temporary), options.sign)
         pack(Path(temporary), archive)
     print(f"{archive}: {archive.stat().st_size / 1e6:.0f} MB")
     return 0

@@ -1,11 +1,11 @@
 """The bundle takes exactly what the lock file names."""
 
 import hashlib
-import re
 from pathlib import Path
 
 import pytest
 
+from deploy.installer.places import ROLES
 from tests.places import ROOT
 from tools.bundle import EXTRAS, pins, refuse_strangers
 
@@ -44,6 +44,5 @@ def test_a_wheel_that_is_not_the_lock_files_is_refused(tmp_path: Path) -> None:
 
 def test_the_bundle_has_every_extra_that_the_installer_asks_for() -> None:
     """A base without `page` has no operator's page, one without `certs` no certificates."""
-    installer = (ROOT / "deploy" / "install.sh").read_text()
-    asked = {extra for words in re.findall(r"extras\+=,([\w,]+)", installer) for extra in words.split(",")}
+    asked = {extra for role in ROLES.values() for extra in role.extras}
     assert {"box", "base", "page", "certs"} == asked == set(EXTRAS.split(","))

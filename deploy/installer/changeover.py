@@ -1,0 +1,125 @@
+"""From one version to another: switched, started, watched; and back again if it does not stay up.
+
+The way back is the same way: what ran before is started, whatever became of it meanwhile, and seen to run.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from . import machine, services
+from .places import ROLES, Places
+from .telling import RefusedError, say, warn
+from .versions import Versions
+
+WATCHED_S: Final = 40.0  # of an upgrade: what opens late (a camera, a receiver, the network) has been opened by then
+GLANCE_S: Final = 3.0  # where there is nothing to go back to
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Where a change takes place."""
+
+    versions: Versions
+    places: Places
+
+    def enter(self, version: Path, instead_of: Path | None) -> None:
+        """Make it the current one, with its units."""
+        self.versions.switch(version)
+        machine.lay_units(self.places, version, instead_of)
+
+
+def change(here: Machine, target: Path, wanted: list[str], prepare: Callable[[], None]) -> dict[str, str]:
+    """Make a version the current one, with what ran before and what is wanted; faults of units that were not running.
+
+    prepare: what the new version needs beside it, once it is current. Raises RefusedError, with all as it was, if what
+    ran before does not come up.
+    """
+    versions = here.versions
+    ran = services.running() if services.booted() else []
+    before, older = _in_force(versions, ran), versions.previous
+    if before not in (None, target) and versions.came_up(before):
+        versions.remember(before)  # now, for the power may fail before the end
+    here.enter(target, before)
+    prepare()
+    if not services.booted():
+        return {}
+    upgraded = before not in (None, target)
+    faults = _start([*ran, *wanted], WATCHED_S if ran and upgraded else GLANCE_S)
+    lost = {unit: why for unit, why in faults.items() if unit in ran}
+    if lost and before is not None and upgraded:
+        _go_back(here, before, target, lost)
+        still = _start(ran, GLANCE_S)
+        versions.remember(older if older != target else None)
+        if still:
+            raise RefusedError(_reasons(still), f"{target.name} was not kept, and {before.name} does not run either")
+        raise RefusedError(f"{target.name} was not kept", f"{before.name} runs as before")
+    if not faults and (ran or wanted):
+        versions.mark(target)
+    if versions.previous == target:
+        versions.remember(before if versions.came_up(before) else None)
+    return faults
+
+
+def _in_force(versions: Versions, ran: list[str]) -> Path | None:
+    """The version to go back to: what runs, for an installer may have been killed between two versions."""
+    current = versions.current
+    folders = {services.runs_from(unit, versions.prefix) for unit in ran} - {None}
+    if len(folders) == 1:
+        (running,) = folders
+        assert running is not None
+        versions.mark(running)  # it runs: nobody needs a better proof
+        return running
+    if current is not None and not versions.came_up(current) and versions.previous is not None:
+        return versions.previous
+    return current
+
+
+def _start(units: list[str], watched_s: float) -> dict[str, str]:
+    units = list(dict.fromkeys(units))
+    if not units:
+        return {}
+    services.restart(units)
+    if watched_s > GLANCE_S:
+        say(f"watching {' and '.join(units)} for {watched_s:.0f} s")
+    faults = services.come_up(units, watched_s)
+    for unit in units:
+        say(f"{unit} {faults.get(unit, 'runs')}")
+    return faults
+
+
+def _go_back(here: Machine, before: Path, failed: Path, lost: dict[str, str]) -> None:
+    for unit, why in lost.items():
+        warn(f"{unit} of {failed.name} {why}; its last words:")
+        print(services.journal(unit), flush=True)
+    say(f"going back to {before.name}")
+    here.enter(before, failed)
+
+
+def _reasons(faults: dict[str, str]) -> str:
+    return "; ".join(f"{unit} {why}" for unit, why in faults.items())
+
+
+def roll_back(here: Machine) -> None:
+    """To the version before, if it came up then. Raises RefusedError: nothing was changed, or what ran was put back."""
+    versions = here.versions
+    last, current = versions.previous, versions.current
+    if last is None or last == current:
+        raise RefusedError("there is no version before", "nothing was changed")
+    if not versions.came_up(last):
+        raise RefusedError(f"{last.name} never came up", "nothing was changed; install a version that does")
+    needed = {ROLES[role].unit for role in versions.roles(current)} & set(_wanted())
+    has = {ROLES[role].unit for role in versions.roles(last)}
+    if needed - has:
+        raise RefusedError(f"{last.name} has no {', '.join(sorted(needed - has))}", "nothing was changed")
+    failed = [unit for unit in _wanted() if unit not in services.running()]
+    faults = change(here, last, failed, lambda: None)
+    if faults:
+        raise RefusedError(_reasons(faults), "read: journalctl -u " + next(iter(faults)))
+    say(f"the current version is {last.name}")
+
+
+def _wanted() -> list[str]:
+    """What is meant to run here."""
+    return [unit for unit in (role.unit for role in ROLES.values()) if services.booted() and services.enabled(unit)]

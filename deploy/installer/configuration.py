@@ -1,0 +1,77 @@
+"""Configuration where there is none: the example, with the site, the camera and the base's address that were given.
+
+What is there is never touched. A box that is given its base dials it with TLS: nothing else is right in a field.
+"""
+
+import os
+import re
+import secrets
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any, Final
+
+from .machine import USER
+from .places import Role
+from .telling import say
+
+PORT: Final = 7447  # Zenoh's own
+SIGNING_KEY_B: Final = 32
+
+
+def lay_configuration(folder: Path, version: Path, role: Role, given: dict[str, str | None]) -> bool:
+    """The role's configuration, if it has none; whether one was written."""
+    file = folder / f"{role.name}.toml"
+    if file.exists():
+        return False
+    text = filled((version / "deploy" / role.template).read_text(), role.name, given)
+    schema = version.parent / "current/deploy/schema"
+    text = re.sub(r"\A#:schema .*schema/", f"#:schema {schema}/", text)
+    _write(file, text, 0o640, "root")
+    say(f"wrote {file}: edit it")
+    if role.name == "base" and not (folder / "mavlink.key").exists():
+        _write(folder / "mavlink.key", secrets.token_hex(SIGNING_KEY_B), 0o600, USER)
+    return True
+
+
+def filled(text: str, role: str, given: dict[str, str | None]) -> str:
+    """A template with what was given in its place; checked against what a reader of it then finds."""
+    site, camera, base = given.get("site"), given.get("camera"), given.get("base")
+    if site:
+        text = _set(text, "name" if role == "base" else "site", site)
+    if camera and role == "edge":
+        text = _set(text, "id", camera).replace("cam0.lens.toml", f"{camera}.lens.toml")
+    if base and role == "edge":
+        address = f"[{base}]" if ":" in base else base
+        text = re.sub(r"^connect = .*$", f'connect = ["tls/{address}:{PORT}"]', text, count=1, flags=re.MULTILINE)
+        text = _with_certificates(text)
+    _check(tomllib.loads(text), role, given)
+    return text
+
+
+def _set(text: str, key: str, value: str) -> str:
+    return re.sub(rf'^{key}( *)= "[^"]*"', rf'{key}\g<1>= "{value}"', text, count=1, flags=re.MULTILINE)
+
+
+def _with_certificates(text: str) -> str:
+    for name in ("authority", "certificate", "key"):
+        text = re.sub(rf'^# ({name} = "/etc)', r"\g<1>", text, count=1, flags=re.MULTILINE)
+    return re.sub(r"^# \[link\.tls\]", "[link.tls]", text, count=1, flags=re.MULTILINE)
+
+
+def _check(read: dict[str, Any], role: str, given: dict[str, str | None]) -> None:
+    """A template whose lines were renamed would swallow what was given."""
+    site = read["site"]["name"] if role == "base" else read["site"]
+    assert given.get("site") in (None, site), "the template has no place for the site's name"
+    if role == "edge":
+        assert given.get("camera") in (None, read["camera"][0]["id"]), "the template has no place for the camera"
+        assert not given.get("base") or "authority" in read["link"]["tls"], "the template has no place for the base"
+
+
+def _write(file: Path, text: str, mode: int, owner: str) -> None:
+    following = file.with_name(f".{file.name}.new")
+    with os.fdopen(os.open(following, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "w") as opened:
+        opened.write(text)
+    following.chmod(mode)
+    shutil.chown(following, owner, USER)
+    following.rename(file)

@@ -1,0 +1,137 @@
+"""Laying a version: whole and beside what runs, or not at all.
+
+It is made under a name of its own and renamed when it is whole; the programs' first lines name their interpreter by
+its path, so they are written for the name that it will have.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from . import slimming, wheelhouse
+from .places import PROGRAMS, ROLES
+from .source import SUMS, Source
+from .telling import RefusedError, say
+from .versions import NEW, ROLES_FILE, Versions
+
+MB: Final = 10**6
+COMPILED: Final = 1.2  # what Python's compiled files add, measured: 8 % of a box, 15 % of a base
+SPARE_B: Final = 50 * MB  # for everybody else on that disk
+FETCHED_B: Final = 900 * MB  # a base from the internet, unpacked; measured
+# Loads every module of ours that can be loaded here: what it compiled is what will be run.
+COMPILE: Final = """
+import importlib.util, pkgutil, sys
+bad = []
+def load(name):
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").split(".")[0]
+        if package in ("", "edge", "calib") or importlib.util.find_spec(package) is not None:
+            bad.append(f"{name}: {error}")
+    except Exception as error:
+        bad.append(f"{name}: {error}")
+for package in ("edge", "calib"):
+    load(package)
+    for module in pkgutil.walk_packages(sys.modules[package].__path__, package + "."):
+        if not module.name.endswith("__main__"):
+            load(module.name)
+sys.exit("; ".join(bad[:3] + [f"and {len(bad) - 3} more"] * (len(bad) > 3)) or 0)
+"""
+
+
+def lay(source: Source, roles: frozenset[str], versions: Versions) -> Path:
+    """The folder of that version for these roles; an existing one if it is the same. Raises RefusedError."""
+    for folder in versions.laid():
+        if _same(folder, source) and roles <= versions.roles(folder):
+            say(f"{folder.name} is laid already")
+            return folder
+    extras = {extra for role in roles for extra in ROLES[role].extras}
+    wheels = wheelhouse.needed(source.wheels, extras) if source.is_bundle else []
+    check_space(versions.prefix, int(sum(wheel.size for wheel in wheels) * COMPILED) or FETCHED_B)
+    place = versions.name_for(source.version)
+    growing = place.with_name(f"{place.name}{NEW}{os.getpid()}")
+    say(f"laying {place.name} for {' and '.join(sorted(roles))} with Python {sys.version.split()[0]}")
+    try:
+        _grow(growing, place, source, wheels, extras)
+        (growing / ROLES_FILE).write_text(" ".join(sorted(roles)) + "\n")
+        os.sync()
+        growing.rename(place)
+    except OSError as error:
+        raise RefusedError(f"{place.name} could not be laid ({error})", "nothing was changed") from error
+    finally:
+        shutil.rmtree(growing, ignore_errors=True)
+    return place
+
+
+def _same(folder: Path, source: Source) -> bool:
+    sums = folder / SUMS
+    return source.is_bundle and sums.exists() and sums.read_bytes() == (source.tree / SUMS).read_bytes()
+
+
+def check_space(folder: Path, needed_b: int) -> None:
+    """Raises RefusedError, with numbers, if the disk cannot take it."""
+    free_b = shutil.disk_usage(folder).free
+    if free_b < needed_b + SPARE_B:
+        raise RefusedError(
+            f"{(needed_b + SPARE_B) // MB} MB are needed in {folder}, {free_b // MB} MB are free",
+            "free some (old recordings?); nothing was changed",
+        )
+
+
+def _grow(growing: Path, place: Path, source: Source, wheels: list[wheelhouse.Wheel], extras: Iterable[str]) -> None:
+    _run([sys.executable, "-m", "venv", "--without-pip", str(growing)], "no environment could be made")
+    python = growing / "bin/python"
+    if wheels:
+        pip = sorted(source.wheels.glob("pip-*.whl"))[0]
+        files = [str(wheel.path) for wheel in wheels]
+        _run([str(python), f"{pip}/pip", *PIP, "--no-deps", "--no-index", *files], "pip could not lay the programs")
+        shutil.copyfile(source.tree / SUMS, growing / SUMS)
+    else:
+        _from_the_internet(python, source.tree, extras)
+    packages = next((growing / "lib").glob("python3.*")) / "site-packages"
+    saved = slimming.slim(packages)
+    say(f"{saved // MB} MB that nobody loads left out")
+    _keep_programs(growing / "bin", place)
+    for name in ("deploy", "systemd"):
+        shutil.copytree(source.tree / name, growing / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copyfile(source.tree / "README.md", growing / "README.md")
+    _run([str(python), "-c", COMPILE], "the programs that were laid do not load")
+
+
+PIP: Final = ("--isolated", "--quiet", "--disable-pip-version-check", "install", "--no-compile")
+
+
+def _from_the_internet(python: Path, tree: Path, extras: Iterable[str]) -> None:
+    lock = (tree / "requirements.lock").read_text()
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as pins:
+        pins.write("".join(f"{pin}\n" for pin in re.findall(r"^[\w.-]+==[^\s\\]+", lock, re.MULTILINE)))
+        pins.flush()
+        _run([str(python), "-m", "ensurepip"], "no pip for this Python: apt install python3-venv, or use the bundle")
+        words = [*PIP, "--constraint", pins.name, f"{tree}[{','.join(sorted(extras))}]"]
+        _run([str(python), "-m", "pip", *words], "pip could not fetch the programs")
+        _run([str(python), "-m", "pip", "--quiet", "uninstall", "--yes", "pip", "setuptools"], "pip could not leave")
+
+
+def _run(words: list[str], fault: str) -> None:
+    """Raises RefusedError with the program's own last words."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    done = subprocess.run(words, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    if done.returncode:
+        told = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()][-3:]
+        raise RefusedError(f"{fault}: {' / '.join(told)}", "nothing was changed")
+
+
+def _keep_programs(folder: Path, place: Path) -> None:
+    for file in folder.iterdir():
+        if file.name in PROGRAMS:
+            _, _, rest = file.read_text().partition("\n")
+            file.write_text(f"#!{place}/bin/python\n{rest}")
+        elif not file.name.startswith("python"):
+            file.unlink()

@@ -1,0 +1,108 @@
+"""Systemd, asked and told: does a service run, does it come up, and does it stay up.
+
+A service that is `failed` is not waited for, nor is one that has died twice since it was started: a wrong
+configuration and a crash are known within seconds.
+"""
+
+import subprocess
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from .places import SERVICES
+
+STARTS_WITHIN_S: Final = 60.0  # Python, numpy and a model from an SD card take about 15 s on a Raspberry Pi 4
+POLL_S: Final = 0.5
+DEATHS: Final = 2  # since it was started: once may be a device that was still held
+
+
+def booted() -> bool:
+    """Whether systemd runs this machine."""
+    return Path("/run/systemd/system").is_dir()
+
+
+def control(*words: str) -> str:
+    """`systemctl`; what it said, whatever its verdict."""
+    return subprocess.run(["systemctl", *words], capture_output=True, text=True, check=False).stdout.strip()
+
+
+def show(unit: str, *properties: str) -> list[str]:
+    """Properties of a unit, in the order asked for."""
+    told = control("show", *(f"--property={name}" for name in properties), f"{unit}.service")
+    found = dict(line.split("=", 1) for line in told.splitlines() if "=" in line)
+    return [found.get(name, "") for name in properties]
+
+
+def running() -> list[str]:
+    """Our services that are up now."""
+    return [unit for unit in SERVICES if show(unit, "ActiveState") == ["active"]]
+
+
+def enabled(unit: str) -> bool:
+    """Whether it starts by itself."""
+    return control("is-enabled", f"{unit}.service") in ("enabled", "enabled-runtime")
+
+
+def restart(units: Iterable[str]) -> None:
+    """Start them anew, whatever became of them, without waiting."""
+    for unit in units:
+        control("reset-failed", f"{unit}.service")
+        control("--no-block", "restart", f"{unit}.service")
+
+
+def runs_from(unit: str, prefix: Path) -> Path | None:
+    """The version that a running service was started from, by its interpreter."""
+    (pid,) = show(unit, "MainPID")
+    try:
+        interpreter = Path(Path(f"/proc/{int(pid or 0)}/cmdline").read_bytes().split(b"\0")[0].decode())
+    except (OSError, ValueError):
+        return None
+    if not interpreter.is_relative_to(prefix):
+        return None
+    folder = prefix / interpreter.relative_to(prefix).parts[0]
+    return folder.resolve() if folder.is_dir() else None
+
+
+def come_up(units: Iterable[str], watched_s: float) -> dict[str, str]:
+    """Wait until each is up and has stayed so; why not, for each that has not."""
+    pending, faults = list(units), dict[str, str]()
+    up: dict[str, tuple[float, str]] = {}
+    deadline_s = time.monotonic() + STARTS_WITHIN_S
+    while pending:
+        time.sleep(POLL_S)
+        for unit in [*pending]:
+            verdict = _judge(unit, up, deadline_s, watched_s)
+            if verdict is not None:
+                pending.remove(unit)
+                if verdict:
+                    faults[unit] = verdict
+    return faults
+
+
+def _judge(unit: str, up: dict[str, tuple[float, str]], deadline_s: float, watched_s: float) -> str | None:
+    """Empty: it is up and stayed so; a reason: it is not; None: not known yet."""
+    names = ("ActiveState", "SubState", "NRestarts", "MainPID", "ExecMainStatus", "Result", "Job")
+    state, sub, deaths, pid, status, result, job = show(unit, *names)
+    now_s = time.monotonic()
+    if state == "failed":
+        return f"failed ({result}, exit code {status})"
+    if state == "inactive" and job in ("", "0") and result == "success" and unit in up:
+        return ""  # a box that has played its recording to the end
+    if int(deaths or 0) >= DEATHS or (sub == "auto-restart" and unit in up):
+        return f"died {deaths or 1} times ({result}, exit code {status})"
+    if state == "active" and sub == "running":
+        since_s, first = up.setdefault(unit, (now_s, pid))
+        if pid != first:
+            return f"died and was started again ({result})"
+        return "" if now_s - since_s >= watched_s else None
+    return f"not up within {STARTS_WITHIN_S:.0f} s ({state}, {sub})" if now_s > deadline_s and unit not in up else None
+
+
+def journal(unit: str, lines: int = 8) -> str:
+    """The last lines that a unit said."""
+    words = ["journalctl", "--no-pager", "--output=cat", f"--lines={lines}", f"--unit={unit}.service"]
+    try:
+        return subprocess.run(words, capture_output=True, text=True, check=False).stdout.rstrip()
+    except OSError as error:
+        return f"(no journal: {error})"
