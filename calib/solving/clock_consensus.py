@@ -17,7 +17,7 @@ CLOSES_S: Final = (
     0.25  # around a loop: each candidate is good to some hundredths, at the ends of its overlap to a tenth
 )
 CONTRAST_NEAR: Final = 1.15  # times the next best place, if the clock stays near: nobody else proposed that it should
-CLEAR: Final = 10.0  # score by which a near place must exceed what is typical: twice the log of 150 to 1
+CLEAR_SCORE: Final = 10.0  # score by which a near place must exceed what is typical: twice the log of 150 to 1
 ROUNDS: Final = 10  # of trying each camera elsewhere; two or three settle it
 
 
@@ -203,7 +203,7 @@ def _tied(name: str, clocks: dict[str, Clock], links: Links, near_s: float) -> T
     elsewhere = max((_said(name, place, clocks, links, near_s)[0] for place in others), default=0.0)
     near = all(abs(clock.site(0.0) - clocks[other].site(0.0)) <= near_s for other in agreeing)
     certain = (
-        score > CLEAR and score > CONTRAST_NEAR * elsewhere
+        score > CLEAR_SCORE and score > CONTRAST_NEAR * elsewhere
         if near
         else (score > CONVINCING and score > CONTRAST * elsewhere)
     )

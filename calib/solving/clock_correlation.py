@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from calib.solving.series import TrackSeries
 from edge.common.arrays import Array
 
-STEP_S: Final = 0.1  # between lags: a UAV that turns within a second is found from ten times as far
+LAG_STEP_S: Final = 0.1  # between lags: a UAV that turns within a second is found from ten times as far
 LONG_S: Final = 240.0  # tracks longer than this are read half as often, which keeps the cost of a pair bounded
 SMALLEST_MISFIT: Final = 1e-24  # keeps the logarithm finite for noiseless tracks
 SMALLEST_SPREAD: Final = 1e-12  # of a view's rows, squared: keeps the normalisation finite for one that stands still

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from calib.solving.clock_correlation import LONG_S, STEP_S, Correlation, normalised_misfit, sample
+from calib.solving.clock_correlation import LONG_S, LAG_STEP_S, Correlation, normalised_misfit, sample
 from calib.solving.series import SHORTEST_TRACK, TrackSeries, even
 from edge.common.arrays import Array
 
 NEAR_S: Final = 3.0  # clocks that were set at all agree to this
 INDEPENDENT_S: Final = 1.5  # a UAV turns in about this: rows closer together say the same of a clock
-UNKNOWNS: Final = 8  # of an epipolar geometry without known lenses
+EPIPOLAR_UNKNOWNS: Final = 8  # of an epipolar geometry without known lenses
 LEAST_GAIN: Final = float(np.log(2))  # a track read between two rows has half the variance of its noise, at any offset
 SHORTEST_OVERLAP_S: Final = 15.0  # two rows more than the unknowns, in independent ones
 FAR_STEP_S: Final = 0.5  # between the lags of the far search, a fraction of the time a UAV turns in
@@ -198,7 +198,7 @@ class _Pair:
 
     def __init__(self, one: TrackSeries, two: TrackSeries) -> None:
         self.one, self.two = one, two
-        self.step_s = STEP_S if min(one.duration_s, two.duration_s) < LONG_S else 2 * STEP_S
+        self.step_s = LAG_STEP_S if min(one.duration_s, two.duration_s) < LONG_S else 2 * LAG_STEP_S
         self.sampled = sample(one, self.step_s)
         self.typical: float | None = None
         self.as_stamped: float | None = None
@@ -306,7 +306,7 @@ class _Pair:
 
 def _free(overlap_s: Array) -> Array:
     """(K,) independent rows more than any epipolar geometry fits."""
-    return np.asarray(np.maximum(overlap_s / INDEPENDENT_S - UNKNOWNS, 0.0), float)
+    return np.asarray(np.maximum(overlap_s / INDEPENDENT_S - EPIPOLAR_UNKNOWNS, 0.0), float)
 
 
 def _peaks(score: Array) -> list[int]:

@@ -18,7 +18,7 @@ from calib.geometry.spline import evaluate
 from calib.network import Camera
 from calib.observations import SiteCamera
 from calib.solving.bootstrap import to_enu
-from calib.solving.clock_consensus import CLEAR, CONTRAST_NEAR, Clock
+from calib.solving.clock_consensus import CLEAR_SCORE, CONTRAST_NEAR, Clock
 from calib.solving.clock_correlation import SMALLEST_MISFIT
 from calib.solving.clocks import CONTRAST, CONVINCING, FINE_STEP_S, INDEPENDENT_S, NEAR_S
 from calib.solving.identity import Key
@@ -28,8 +28,8 @@ from edge.common.arrays import Array
 
 COARSE_STEP_S: Final = 0.1  # a UAV at 10 m/s and 100 m moves 10 mrad in it: well inside the cliff's width
 FAR_S: Final = 120.0  # clocks that were set by hand
-BESIDE_S: Final = 1.0  # offsets nearer to the best than this are the same optimum
-UNKNOWNS: Final = 5.5  # rows that a projection of eleven unknowns fits anyway, two equations each
+ONE_OPTIMUM_S: Final = 1.0  # offsets nearer to the best than this are the same optimum
+PROJECTION_UNKNOWNS: Final = 5.5  # rows that a projection of eleven unknowns fits anyway, two equations each
 TRIED_ROWS: Final = 300  # of a track that are tried
 PATIENCE: Final = 3.0  # times the scaffold's threshold: the adjustment weighs a poor camera by its own residuals
 
@@ -110,8 +110,8 @@ def _search(estimate: FlightEstimate, track: TrackSeries, target: int, about: Cl
     offsets = about.offset_s + np.arange(-reach_s, reach_s + COARSE_STEP_S / 2, COARSE_STEP_S)
     score = _scores(estimate, track, target, offsets, about.rate)
     at = int(np.argmax(score))
-    elsewhere = float(np.max(np.where(np.abs(offsets - offsets[at]) > BESIDE_S, score, 0.0)))
-    least, contrast = (CLEAR, CONTRAST_NEAR) if reach_s <= NEAR_S else (CONVINCING, CONTRAST)
+    elsewhere = float(np.max(np.where(np.abs(offsets - offsets[at]) > ONE_OPTIMUM_S, score, 0.0)))
+    least, contrast = (CLEAR_SCORE, CONTRAST_NEAR) if reach_s <= NEAR_S else (CONVINCING, CONTRAST)
     if at in (0, len(offsets) - 1) or score[at] < max(least, contrast * elsewhere):
         return None
     fine = offsets[at] + np.arange(-COARSE_STEP_S, COARSE_STEP_S + FINE_STEP_S / 2, FINE_STEP_S)
@@ -125,7 +125,7 @@ def _scores(estimate: FlightEstimate, track: TrackSeries, target: int, offsets: 
     logs, rows = (np.array(column, float) for column in zip(*misfits, strict=True))
     share = min(len(track.t_s), TRIED_ROWS)
     seen_s = rows / share * len(track.t_s) * float(np.median(np.diff(track.t_s)))
-    free = np.maximum(seen_s / INDEPENDENT_S - UNKNOWNS, 0.0)
+    free = np.maximum(seen_s / INDEPENDENT_S - PROJECTION_UNKNOWNS, 0.0)
     if not (free > 0).any():
         return np.zeros(len(offsets))
     score: Array = free * (float(np.median(logs[free > 0])) - logs)

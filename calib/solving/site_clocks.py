@@ -13,7 +13,7 @@ from typing import Final
 
 from calib.adjustment.priors import ALIGNED_TO_S, trusted_clocks
 from calib.observations import SiteCamera
-from calib.solving.clock_consensus import CLEAR, Clock, Pairs, Tied, consensus
+from calib.solving.clock_consensus import CLEAR_SCORE, Clock, Pairs, Tied, consensus
 from calib.solving.clocks import CONTRAST, CONVINCING, NEAR_S, Alignment, Candidate, align
 from calib.solving.series import TrackSeries
 
@@ -129,7 +129,7 @@ def _off(tied: Tied | None, site: SiteCamera) -> bool:
 def _says_nothing(alignment: Alignment) -> bool:
     """Whether a pair's tracks fit at the stamps as they are, and nowhere better."""
     best = max((candidate.score for candidate in alignment.candidates), default=0.0)
-    return alignment.as_stamped is not None and alignment.as_stamped > -CLEAR and best < CLEAR
+    return alignment.as_stamped is not None and alignment.as_stamped > -CLEAR_SCORE and best < CLEAR_SCORE
 
 
 def _tested(name: str, tracks: dict[str, list[TrackSeries]], pairs: Pairs) -> str:
