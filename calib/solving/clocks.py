@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from calib.solving.clock_correlation import LONG_S, LAG_STEP_S, Correlation, normalised_misfit, sample
+from calib.solving.clock_correlation import LAG_STEP_S, LONG_S, Correlation, normalised_misfit, sample
 from calib.solving.series import SHORTEST_TRACK, TrackSeries, even
 from edge.common.arrays import Array
 
