@@ -17,7 +17,6 @@ from edge.capture.reader import Reader
 from edge.common.errors import SkyfixError
 from edge.common.health import SEVERITY, Check
 from edge.common.own_thread import OwnThread
-from edge.common.utc import Dated
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector.opening import open_detector
 from edge.gate import TrackRow
@@ -44,7 +43,7 @@ class CameraWorker(OwnThread):
         *,
         epoch: int,
         clock_bound_s: Callable[[], float | None],
-        date: Callable[[int], Dated],
+        unix_ns: Callable[[int], int],
         publish: Callable[[Tracks], None],
     ) -> None:
         """Opens the model, not the camera. Raises ConfigError, ModelError."""
@@ -64,7 +63,7 @@ class CameraWorker(OwnThread):
         )
 
         def open_it() -> FrameSource:
-            return open_source(camera, colour=self._detector.colour, stop=self._stop, date=date)
+            return open_source(camera, colour=self._detector.colour, stop=self._stop, unix_ns=unix_ns)
 
         self.reader = Reader(camera.id, open_it, live=is_live(camera), lossless=is_lossless(camera))
         self._started_s = 0.0

@@ -7,11 +7,13 @@ priors.py; the control points are eliminated as Triggs et al. (2000, section 6) 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from calib.adjustment.flight import FlightEstimate
+from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.noise import robust_cost, robust_weight
 from calib.adjustment.normal import Factor, Normal, NormalStep, factorise
 from calib.adjustment.priors import CameraPrior, moved
@@ -26,6 +28,7 @@ LAST_WEIGHT_ROUNDS: Final = 3  # with all rows, once a part of them is settled
 COARSE_ROWS: Final = 8000  # enough for a hundred unknowns at any correlation
 FEWEST_KEPT: Final = 100  # of each camera's rows, however many the others have
 STEPS: Final = 8  # of Gauss-Newton between two rounds
+SETTLE_ROUNDS: Final = 5  # times STEPS: a beginning far off takes longer
 SETTLED: Final = 0.03  # squared sigmas: a step that gains less moves nothing by more than a sixth of its sigma
 WORST_SIGMAS: Final = 30.0  # what an observation without an image costs
 HARDEST_DAMPING: Final = 1e6
@@ -33,10 +36,19 @@ HARDEST_DAMPING: Final = 1e6
 
 @dataclass(frozen=True)
 class Problem:
-    """What is given: one CameraData and one prior for each camera, in one order throughout."""
+    """What is given: one CameraData and one prior for each camera, in one order throughout.
+
+    widened: (14 C, 14 C) covariance that is added to what the priors claim, where they were found to claim too much.
+    """
 
     data: tuple[CameraData, ...]
     priors: tuple[CameraPrior, ...]
+    widened: Array | None = None
+
+    @cached_property
+    def prior(self) -> JointPrior:
+        """What is known of all cameras together."""
+        return JointPrior(self.priors, self.widened)
 
     def thinned(self, every: int) -> "Problem":
         """The same problem with only each so-many-th row, but not next to none of any camera's."""
@@ -96,6 +108,21 @@ def adjust_rounds(problem: Problem, estimate: FlightEstimate, weights: Weights, 
     return Adjusted(estimate, weights, normal, factor, at.projected, count)
 
 
+def settle(problem: Problem, estimate: FlightEstimate, weights: Weights) -> tuple[FlightEstimate, float]:
+    """Where an estimate settles under weights that stay, and what it costs there, in squared sigmas.
+
+    Costs under the same weights tell which of several beginnings, or of several sets of priors, explains the rows best.
+    Raises CalibrationError if the observations leave a direction undetermined.
+    """
+    at = _Point.of(problem, estimate, weights, Smoothness.at(estimate, weights.jerk_weight))
+    for _ in range(SETTLE_ROUNDS):
+        before, at = at.cost(), _descend(at)
+        if before - at.cost() < SETTLED:
+            break
+    _factorise(at.normal())
+    return at.estimate, at.cost()
+
+
 @dataclass(frozen=True)
 class _Point:
     """The problem at one estimate under one set of weights."""
@@ -142,9 +169,7 @@ class _Point:
             float(robust_cost(self.lengths(index)).sum()) / float(correlated)
             for index, correlated in enumerate(self.weights.correlated)
         )
-        for camera, prior in zip(self.estimate.cameras, self.problem.priors, strict=True):
-            total += prior.cost(camera)
-        return total + self.smoothness.cost(self.estimate)
+        return total + self.problem.prior.cost(self.estimate.cameras) + self.smoothness.cost(self.estimate)
 
     def normal(self) -> Normal:
         """The normal equations of a step from here."""
@@ -157,7 +182,7 @@ class _Point:
             normal.add_observations(
                 image.located, image.by_point * whiten, image.by_camera * whiten, image.residual * whiten[:, 0], at
             )
-            normal.add_prior(at, *self.problem.priors[index].pull(self.estimate.cameras[index]))
+        self.problem.prior.add_to(normal, self.estimate.cameras)
         self.smoothness.add_to(normal, self.estimate)
         return normal
 

@@ -6,6 +6,8 @@
 A flight of ten minutes has ten thousand unknowns; a dense solution would cost 1e12 operations and hide in a laptop's
 memory, the band costs a few 1e7 and grows with the length of the flight. The band is eliminated by Cholesky, the Schur
 complement C - B' A^-1 B is solved densely, and its inverse is the covariance of the cameras, the flight integrated out.
+A few directions of the flight that a prior must not hold are taken out of A again, U U' of them (`slack`), by the
+identity of Woodbury (1950): as a matrix they would fill the band.
 """
 
 from dataclasses import dataclass
@@ -29,13 +31,15 @@ class Normal:
     """Normal matrix and right-hand side, added up camera by camera.
 
     block: (ORDER, M, 3, 3), block[k, m] couples control points m and m + k. border: (M, 3, K). corner: (K, K).
-    prior: (K, K) the part of the corner that priors put there. right_control: (M, 3). right_camera: (K,).
+    prior: (K, K) the part of the corner that priors put there. slack: (3M, r) U. right_control: (M, 3).
+    right_camera: (K,).
     """
 
     block: Array
     border: Array
     corner: Array
     prior: Array
+    slack: Array
     right_control: Array
     right_camera: Array
 
@@ -47,6 +51,7 @@ class Normal:
             np.zeros((controls, 3, border)),
             np.zeros((border, border)),
             np.zeros((border, border)),
+            np.zeros((3 * controls, 0)),
             np.zeros((controls, 3)),
             np.zeros(border),
         )
@@ -94,19 +99,42 @@ class NormalStep:
 
 @dataclass(frozen=True)
 class Factor:
-    """A factorised system: A's banded Cholesky factor, A^-1 B (3M, K), and the Schur complement's inverse (K, K)."""
+    """A factorised system: of the flight, (A - U U')^-1 B (3M, K), and the Schur complement's inverse (K, K)."""
 
-    band: Array
+    flight: "FlightFactor"
     carried: Array
     camera_covariance: Array
 
     def solve(self, normal: Normal) -> NormalStep:
         """The step that the normal equations ask for."""
         K = len(normal.right_camera)
-        a = cho_solve_banded((self.band, False), normal.right_control.ravel())
+        a = self.flight.solve(normal.right_control.ravel())
         camera = self.camera_covariance @ (normal.right_camera - normal.border.reshape(-1, K).T @ a)
         control = a - self.carried @ camera
         return NormalStep(control.reshape(-1, 3), camera)
+
+
+@dataclass(frozen=True)
+class FlightFactor:
+    """A's banded Cholesky factor, A^-1 U (3M, r), and (1 - U' A^-1 U)^-1 (r, r)."""
+
+    band: Array
+    freed: Array
+    inner: Array
+
+    @classmethod
+    def of(cls, normal: Normal, damping: float) -> "FlightFactor":
+        """Factorise. Raises numpy.linalg.LinAlgError if the flight is not determined, cameras held fixed."""
+        band = cholesky_banded(_banded(normal.block, damping))
+        freed = cho_solve_banded((band, False), normal.slack) if normal.slack.size else np.zeros_like(normal.slack)
+        rank = normal.slack.shape[1]
+        inner = cho_solve(cho_factor(np.eye(rank) - normal.slack.T @ freed), np.eye(rank)) if rank else np.eye(0)
+        return cls(band, freed, inner)
+
+    def solve(self, right: Array) -> Array:
+        """(A - U U')^-1 times (3M,) or (3M, K)."""
+        plain: Array = cho_solve_banded((self.band, False), right)
+        return plain + self.freed @ (self.inner @ (self.freed.T @ right)) if self.freed.size else plain
 
 
 def factorise(normal: Normal, damping: float = 0.0) -> Factor:
@@ -115,16 +143,16 @@ def factorise(normal: Normal, damping: float = 0.0) -> Factor:
     Raises numpy.linalg.LinAlgError if the system determines nothing in some direction.
     """
     K = len(normal.right_camera)
-    band = cholesky_banded(_banded(normal.block, damping))
+    flight = FlightFactor.of(normal, damping)
     B = normal.border.reshape(-1, K)
-    carried = cho_solve_banded((band, False), B)
-    # The reduced camera system (Triggs et al. 2000, section 6): S = C - B' A^-1 B.
+    carried = flight.solve(B)
+    # The reduced camera system (Triggs et al. 2000, section 6): S = C - B' A^-1 B, A less its slack.
     schur = normal.corner * (1 + damping * np.eye(K)) - B.T @ carried
     # Unknowns in radians and in pixels side by side: scaled to a unit diagonal before they are inverted.
     scale = 1 / np.sqrt(np.maximum(np.diag(schur), np.finfo(float).tiny))
     unit = schur * scale[:, None] * scale
     inverse = cho_solve(cho_factor((unit + unit.T) / 2), np.eye(K)) * scale[:, None] * scale
-    return Factor(band, carried, (inverse + inverse.T) / 2)
+    return Factor(flight, carried, (inverse + inverse.T) / 2)
 
 
 def _banded(block: Array, damping: float) -> Array:

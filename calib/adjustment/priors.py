@@ -71,20 +71,6 @@ class CameraPrior:
         away[self.fixed] = 0.0
         return away
 
-    def cost(self, camera: Camera) -> float:
-        """What the camera costs by being elsewhere than expected, in squared sigmas."""
-        away, (up, _) = self.deviation(camera), self.up_residual(camera)
-        return float(away @ self.information() @ away + up @ up)
-
-    def pull(self, camera: Camera) -> tuple[Array, Array]:
-        """(14, 14) information, and the gradient (14,) of half the cost, at a camera."""
-        information = self.information()
-        gradient = information @ self.deviation(camera)
-        up, by_rotation = self.up_residual(camera)
-        information[ROTATION, ROTATION] += by_rotation.T @ by_rotation
-        gradient[ROTATION] += by_rotation.T @ up
-        return information, gradient
-
     def up_residual(self, camera: Camera) -> tuple[Array, Array]:
         """(3,) whitened misfit of the up direction and its (3, 3) derivative by the rotation; zeros if unknown."""
         if self.up_cam is None:
@@ -107,14 +93,10 @@ def lens_sigma(camera: Camera) -> Array:
     return np.array([FOCAL_SIGMA * fx, FOCAL_SIGMA * fy, PRINCIPAL_SIGMA * fx, PRINCIPAL_SIGMA * fy, coefficient])
 
 
-def camera_priors(
-    cameras: tuple[Camera, ...], sites: dict[str, SiteCamera], rejected: frozenset[str]
-) -> tuple[CameraPrior, ...]:
-    """What is known of each camera beforehand. cameras: as aligned and georeferenced; rejected: no position used."""
+def camera_priors(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> tuple[CameraPrior, ...]:
+    """What is known of each camera beforehand. cameras: as aligned and georeferenced."""
     reference = time_reference(cameras, sites)
-    return tuple(
-        _camera_prior(camera, sites[camera.id], camera.id == reference, camera.id in rejected) for camera in cameras
-    )
+    return tuple(_camera_prior(camera, sites[camera.id], camera.id == reference) for camera in cameras)
 
 
 def held(camera: Camera, prior: CameraPrior) -> Camera:
@@ -157,13 +139,13 @@ def time_reference(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) ->
     return min(cameras, key=rank).id
 
 
-def _camera_prior(camera: Camera, site: SiteCamera, reference: bool, rejected: bool) -> CameraPrior:
+def _camera_prior(camera: Camera, site: SiteCamera, reference: bool) -> CameraPrior:
     sigma = np.full(CAMERA_SIZE, FREE)
     sigma[OFFSET], sigma[RATE] = (FIXED, FIXED) if reference else _clock_sigma(camera, site)
     sigma[READOUT] = _readout_sigma(site)
     sigma[LENS] = lens_sigma(camera)
     centre, information = camera.centre_enu, np.zeros((3, 3))
-    if site.position_enu is not None and site.position_covariance is not None and not rejected:
+    if site.position_enu is not None and site.position_covariance is not None:
         centre, information = site.position_enu, np.asarray(np.linalg.inv(site.position_covariance), float)
     mean = replace(
         camera,

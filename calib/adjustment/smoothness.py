@@ -2,10 +2,13 @@
 
 The hazard is scale. A smaller flight has less jerk, so a smoothness that counts metres pulls the whole network
 together, against a survey that may be weak or, in a local frame, absent. The cost is therefore taken relative to the
-flight's own size about its own middle: shrinking or shifting everything together gains nothing.
+flight's own size about its own middle: shrinking or shifting everything together gains nothing. Turning it gains
+nothing either, but a sum of squares made linear does not know that: its curvature would hold a roll that two surveyed
+cameras leave open, to a few hundredths of a radian. So its curvature along a turn and a scaling is taken out again.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +16,8 @@ from calib.adjustment.flight import FlightEstimate, jerk
 from calib.adjustment.normal import Normal
 from calib.geometry.spline import ORDER, THIRD_DIFFERENCE
 from edge.common.arrays import Array
+
+SMALLEST_CURVATURE: Final = 1e-9  # of the largest: a flight in a line does not change when turned about it
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,7 @@ class Smoothness:
             for k in range(ORDER - i):
                 value = information * THIRD_DIFFERENCE[i] * THIRD_DIFFERENCE[i + k]
                 np.add.at(normal.block[k], first + i, value * np.eye(3))
+        normal.slack = _slack(estimate, away, information)
         # The derivative of the share: what growing would gain is what the jerk then costs more.
         normal.right_control += self.cost(estimate) * away / float((away**2).sum())
 
@@ -58,3 +64,23 @@ def _about_middle(estimate: FlightEstimate) -> Array:
     """(M, 3) control points from their mean: about any fixed point a flight would gain by moving away from it."""
     away: Array = estimate.control - estimate.control.mean(0)
     return away
+
+
+def _slack(estimate: FlightEstimate, away: Array, information: float) -> Array:
+    """(3M, r) U with U U' the curvature of the prior in the directions that do not change it: three turns, a scale.
+
+    H T (T' H T)^-1 T' H for those directions T: what is left of H has no curvature along them, and all of it across.
+    """
+    turns = [np.cross(axis, away) for axis in np.eye(3)]
+    directions = np.stack([*turns, away])  # (4, M, 3)
+    four = estimate.flight.piece_controls[:, None] + np.arange(ORDER)
+    third = np.einsum("k,dnka->dna", THIRD_DIFFERENCE, directions[:, four])
+    values, vectors = np.linalg.eigh(information * np.einsum("dna,ena->de", third, third))
+    kept = values > SMALLEST_CURVATURE * max(values[-1], 0.0)
+    third = np.einsum("dna,de->ena", third, vectors[:, kept])
+    curved = np.zeros((third.shape[0], *away.shape))
+    for i in range(ORDER):
+        for one, by in zip(curved, third, strict=True):
+            np.add.at(one, four[:, i], information * THIRD_DIFFERENCE[i] * by)
+    slack: Array = (curved.reshape(len(curved), -1) / np.sqrt(values[kept])[:, None]).T
+    return slack

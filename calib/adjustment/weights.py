@@ -160,6 +160,8 @@ def _claimed(old: Weights, estimate: FlightEstimate, normal: Normal, factor: Fac
     four = carried[estimate.flight.piece_controls[:, None] + np.arange(ORDER)]
     third = np.einsum("k,nkd->nd", THIRD_DIFFERENCE, four).reshape(-1, K)
     by_jerk = float(((third @ factor.camera_covariance) * third).sum()) * old.jerk_weight / estimate.flight.spacing_s**5
+    freed = normal.slack.T @ factor.carried
+    by_jerk -= float(((freed @ factor.camera_covariance) * freed).sum())
     return K - by_priors - by_jerk
 
 

@@ -1,12 +1,10 @@
 """Similarity between two frames: scale, rotation and shift from points known in both (Kabsch 1976, Umeyama 1991).
 
-The hazards: a reflection that fits better than any rotation, points in a line that leave the roll about it open, and
-one wrongly typed position that a least-squares fit spreads over all the others. The determinant is therefore forced to
-+1, the weakest singular value is reported, and swapped or wrong points are found by what a fit without them says.
+The hazards: a reflection that fits better than any rotation, and points in a line that leave the roll about it open.
+The determinant is therefore forced to +1, and the weakest singular value is reported.
 """
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -95,29 +93,3 @@ def fit_with_up(source: Array, target: Array, up_source: Array) -> Similarity:
 def rms(residual: Array) -> float:
     """Root mean square length of (N, 3) residuals, metres."""
     return float(np.sqrt((residual**2).sum(1).mean()))
-
-
-def best_swap(source: Array, target: Array) -> tuple[tuple[int, int], float]:
-    """The two target points whose exchange makes the fit best, and its rms. source, target: (N, 3), N >= 4."""
-
-    def swapped(pair: tuple[int, int]) -> float:
-        order = np.arange(len(target))
-        order[list(pair)] = order[list(reversed(pair))]
-        return rms(fit_similarity(source, target[order]).residual)
-
-    pairs = list(combinations(range(len(target)), 2))
-    misfits = [swapped(pair) for pair in pairs]
-    return pairs[int(np.argmin(misfits))], min(misfits)
-
-
-def worst_point(source: Array, target: Array) -> tuple[int, float, float]:
-    """The target point without which the others fit best, their rms then, and how far that point is off (m)."""
-
-    def without(index: int) -> SimilarityFit:
-        keep = np.arange(len(target)) != index
-        return fit_similarity(source[keep], target[keep])
-
-    fits = [without(index) for index in range(len(target))]
-    best = int(np.argmin([rms(fit.residual) for fit in fits]))
-    off = target[best] - fits[best].similarity.apply(source[best][None])[0]
-    return best, rms(fits[best].residual), float(np.linalg.norm(off))

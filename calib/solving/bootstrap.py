@@ -1,12 +1,9 @@
-"""From tracks to a first estimate: clocks aligned, scaffold built, frame found, flight laid out.
+"""From cameras roughly right to a first estimate: rows that another camera supports, knots laid, flight triangulated.
 
 Nothing here is accurate; everything here must be right to a few per cent, because the adjustment only walks downhill.
-The hazard is a survey with two positions swapped or one mistyped: the similarity would spread the error over all
-cameras. Distances between cameras give it away, so the fit is examined before it is used, and what does not fit is
-named and kept out.
+The hazard is a stretch of flight that hardly two cameras saw: it is open in some direction and bends everything.
 """
 
-from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -16,7 +13,7 @@ from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.priors import READOUT_S
 from calib.adjustment.projection import CameraData, site_time_s
 from calib.errors import CalibrationError
-from calib.geometry.similarity import Similarity, best_swap, fit_similarity, fit_with_up, rms, worst_point
+from calib.geometry.similarity import Similarity
 from calib.geometry.spline import ORDER, Flight, lay_knots
 from calib.geometry.twoview import triangulate
 from calib.network import Camera
@@ -26,89 +23,11 @@ from calib.solving.scaffold import Pose
 from calib.solving.series import TrackSeries, gap_to_nearest_s
 from edge.common.arrays import Array
 
-SUSPICIOUS_MISFIT: Final = 0.08  # of the cameras' spread: a scaffold on unrefined lenses misses its survey by a few %
-CURE: Final = 0.35  # a swap or an omission that shrinks the misfit below this share of it has explained it
-LOOSEST_ROLL_RAD: Final = 0.05  # 5 m at 100 m: beyond it a line of cameras is no survey
 SUPPORT_S: Final = 0.25  # another camera must have seen the object this close in time
 LONGEST_UNSEEN_S: Final = 1.0  # a flight is not continued across a longer gap
 SHORTEST_STRETCH_S: Final = 1.0  # a stretch has nine freedoms besides its jerk
 FEWEST_STRETCH_ROWS: Final = 5  # of each of a stretch's two best cameras
 HIGHEST_RATE_HZ: Final = 30.0  # rows beyond it are copies of their neighbours' error
-
-
-@dataclass(frozen=True)
-class Georeference:
-    """The scaffold's similarity to ENU; cameras whose surveyed position was rejected as an outlier, and why."""
-
-    similarity: Similarity
-    rejected: dict[str, str] = field(default_factory=dict)
-
-
-def georeference(poses: dict[str, Pose], cameras: dict[str, SiteCamera]) -> Georeference:
-    """The similarity that takes the scaffold to the surveyed positions, wrong ones found and named.
-
-    Raises CalibrationError if the positions do not fix a frame: fewer than three, or in a line, and no camera says
-    where up is.
-    """
-    names = [name for name in sorted(poses) if cameras[name].position_enu is not None]
-    source = np.array([poses[name].centre for name in names]).reshape(-1, 3)
-    target = np.array([cameras[name].position_enu for name in names]).reshape(-1, 3)
-    roll_rad = _roll_sigma_rad(target, [cameras[name] for name in names])
-    if len(names) < 3 or roll_rad > LOOSEST_ROLL_RAD:
-        return Georeference(fit_with_up(source, target, _up_directions(names, roll_rad, poses, cameras)))
-    fit = fit_similarity(source, target)
-    spread = float(np.sqrt(((target - target.mean(0)) ** 2).sum(1).mean()))
-    misfit = rms(fit.residual)
-    if misfit <= SUSPICIOUS_MISFIT * spread or len(names) < 4:
-        return Georeference(fit.similarity)
-    return _without_wrong(names, source, target, misfit) or Georeference(fit.similarity)
-
-
-def _roll_sigma_rad(positions: Array, cameras: list[SiteCamera]) -> float:
-    """How well a survey fixes the roll about the line its positions are nearest to, one sigma."""
-    if len(positions) < 3:
-        return np.inf
-    second = float(np.linalg.svd(positions - positions.mean(0), compute_uv=False)[1])
-    variance = np.mean([np.trace(c.position_covariance) / 3 for c in cameras if c.position_covariance is not None])
-    return float(np.sqrt(variance)) / max(second, 1e-9)
-
-
-def _up_directions(names: list[str], roll_rad: float, poses: dict[str, Pose], cameras: dict[str, SiteCamera]) -> Array:
-    """(U, 3) up in the scaffold's frame, from the cameras that know it. Raises CalibrationError if none helps."""
-    ups = [poses[name].R.T @ up for name in sorted(poses) if (up := cameras[name].up_cam) is not None]
-    if len(names) >= 2 and ups:
-        return np.array(ups)
-    if len(names) < 3:
-        fault = f"{len(names)} calibrated cameras have a surveyed position ({', '.join(names) or 'none'}), three must"
-        cure = "survey more tripods and see that all see the flight; two suffice if one says where up is"
-    else:
-        fault = f"the surveyed cameras stand in a line: the roll about it is open by {np.degrees(roll_rad):.0f} degrees"
-        cure = "move a camera off the line, or give one of them"
-    raise CalibrationError(
-        fault, where="georeferencing", action=f"{cure} (up_cam and up_sigma_deg), or solve with --local"
-    )
-
-
-def _without_wrong(names: list[str], source: Array, target: Array, misfit: float) -> Georeference | None:
-    """The fit without the positions that explain its misfit; None if nothing simple does."""
-    (i, j), swapped = best_swap(source, target)
-    index, without, off = worst_point(source, target)
-    if swapped <= CURE * misfit and swapped <= 1.5 * without:
-        order = np.arange(len(names))
-        order[[i, j]] = order[[j, i]]
-        finding = (
-            f"the positions of {names[i]} and {names[j]} look swapped: the survey misses the cameras by "
-            f"{misfit:.1f} m as it is and by {swapped:.1f} m with the two exchanged; neither was used"
-        )
-        return Georeference(fit_similarity(source, target[order]).similarity, {names[i]: finding, names[j]: finding})
-    if without <= CURE * misfit and len(names) >= 4:
-        keep = np.arange(len(names)) != index
-        finding = (
-            f"the position of {names[index]} looks wrong by {off:.1f} m, or its lens file is another camera's: without "
-            f"it the survey misses the cameras by {without:.1f} m instead of {misfit:.1f} m; it was not used"
-        )
-        return Georeference(fit_similarity(source[keep], target[keep]).similarity, {names[index]: finding})
-    return None
 
 
 def to_enu(pose: Pose, site: SiteCamera, similarity: Similarity, offset_s: float) -> Camera:
@@ -212,7 +131,7 @@ def _triangulate_at(
     for camera in cameras:
         for track in tracks[camera.id]:
             if objects.get((camera.id, track.number)) == target:
-                rays.append(track.at(camera.stamped_s(t_s)))
+                rays.append(track.at(t_s - camera.clock_offset_s))
                 rotations.append(camera.R_cam_enu)
                 centres.append(camera.centre_enu)
     points = np.full((len(t_s), 3), np.nan)

@@ -9,21 +9,117 @@ from typing import Final
 import numpy as np
 
 from calib.observations import SiteCamera
+from calib.solving.doubts import Claim, Doubt
 from calib.solving.found import Cause, Found
 from calib.solving.solution import CameraReport
+from calib.solving.strain import CERTAIN, Strain
 
 OFF_BOUND_S: Final = 2e-3  # an offset is worth telling beyond its bound and this: 4 cm at 20 m/s
-OFF_LENS: Final = 0.01  # of the focal length: as much as lens files are usually good for
+OFF_LENS: Final = 0.025  # of the focal length: more than lens files are usually good for
 SIGNIFICANT: Final = 3.0  # sigmas
+CAUSES: Final = {
+    Claim.POSITION: Cause.POSITION,
+    Claim.LENS: Cause.LENS,
+    Claim.DISTORTION: Cause.LENS,
+    Claim.CLOCK: Cause.CLOCK,
+}
+CURES: Final = {
+    Claim.POSITION: "survey it again",
+    Claim.LENS: "calibrate it (edge-node lens), at the resolution and zoom that is flown with",
+    Claim.DISTORTION: "calibrate the lens (edge-node lens), and give raw pixels, not undistorted ones",
+    Claim.CLOCK: "look at its time synchronisation",
+}
+MOST_TOLD: Final = 5  # explanations that are given one by one
+EXCHANGED: Final = 0.1  # of the distance between two tripods, within which each stands where the other was surveyed
 
 
-def findings(cameras: tuple[CameraReport, ...], sites: dict[str, SiteCamera]) -> tuple[Found, ...]:
-    """Clocks and lenses that are off, camera by camera."""
-    found: list[Found] = []
+def findings(
+    cameras: tuple[CameraReport, ...], sites: dict[str, SiteCamera], strained: Strain | None
+) -> tuple[Found, ...]:
+    """What is off, the most serious first."""
+    doubts = strained.doubts if strained else ()
+    told = {(one.doubt.claim, name) for one in doubts for name in one.doubt.cameras}
+    found = _doubted(strained, {camera.id: camera for camera in cameras}) if strained else []
     for camera in cameras:
-        found += [Found(Cause.CLOCK, (camera.id,), sentence) for sentence in _clock(camera, sites[camera.id])]
-        found += [Found(Cause.LENS, (camera.id,), sentence) for sentence in _lens(camera)]
+        if (Claim.CLOCK, camera.id) not in told:
+            found += [Found(Cause.CLOCK, (camera.id,), sentence) for sentence in _clock(camera, sites[camera.id])]
+        if (Claim.LENS, camera.id) not in told:
+            found += [Found(Cause.LENS, (camera.id,), sentence) for sentence in _lens(camera)]
     return tuple(found)
+
+
+def _doubted(strained: Strain, cameras: dict[str, CameraReport]) -> list[Found]:
+    """What of the priors was not believed: by name where one explanation is left, else that they contradict."""
+    found = [_alone(one.doubt, cameras) for one in strained.doubts if one.probability >= CERTAIN]
+    rivals = [one.doubt for one in strained.doubts if one.probability < CERTAIN]
+    if rivals:
+        names = tuple(sorted({name for doubt in rivals for name in doubt.cameras}))
+        sentence = f"{contradiction(strained, len(cameras))}; none of these was believed"
+        found.append(Found(CAUSES[rivals[0].claim], names, sentence, undecided=True))
+    return found
+
+
+def contradiction(strained: Strain, cameras: int) -> str:
+    """That survey, lens files and clocks contradict the cameras, and who may be wrong. cameras: how many there are."""
+    rivals = [one.doubt for one in strained.doubts if one.probability < CERTAIN] or [d.doubt for d in strained.doubts]
+    words = list(dict.fromkeys(_words(doubt, cameras) for doubt in rivals))
+    what = f"what is claimed of the site contradicts what the cameras saw {strained.figures}"
+    if len(words) > MOST_TOLD:
+        return f"{what}, and nobody can tell where"
+    apart = "" if len(words) == 1 else "; these cannot be told apart"
+    return f"{what}: {', or '.join(words)}{apart}"
+
+
+def _words(doubt: Doubt, cameras: int) -> str:
+    several = len(doubt.cameras) > 1
+    whose = "all cameras" if several and len(doubt.cameras) == cameras else " and ".join(doubt.cameras)
+    subject = {
+        Claim.POSITION: "surveyed position",
+        Claim.LENS: "lens file",
+        Claim.DISTORTION: "distortion",
+        Claim.CLOCK: "clock",
+    }[doubt.claim]
+    return f"the {subject}{'s' if several else ''} of {whose} {'are' if several else 'is'} off"
+
+
+def _alone(doubt: Doubt, cameras: dict[str, CameraReport]) -> Found:
+    """The finding about the one thing that is wrong."""
+    cause = CAUSES[doubt.claim]
+    if doubt.claim is Claim.POSITION and len(doubt.cameras) == 2 and _exchanged(doubt, cameras):
+        one, two = doubt.cameras
+        sentence = f"the positions of {one} and {two} are exchanged: neither was believed; exchange them in the survey"
+        return Found(cause, doubt.cameras, sentence)
+    sentence = f"{_words(doubt, len(cameras))}{_by_how_much(doubt, cameras)} and was not believed: {CURES[doubt.claim]}"
+    return Found(cause, doubt.cameras, sentence)
+
+
+def _by_how_much(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:
+    """The number, where there is one for all."""
+    camera = cameras.get(doubt.cameras[0])
+    if camera is None or (len(doubt.cameras) > 1 and not doubt.together):
+        return ""
+    if doubt.claim is Claim.POSITION and camera.survey_misfit_m is not None:
+        return f" by {np.linalg.norm(camera.survey_misfit_m):.2f} m"
+    if doubt.claim is Claim.LENS:
+        return f" by {100 * (camera.lens_before.intrinsics[0] / camera.lens_after.intrinsics[0] - 1):+.1f} %"
+    if doubt.claim is Claim.CLOCK:
+        return f" by {-camera.clock_offset_s:+.3f} s"
+    return ""
+
+
+def _exchanged(doubt: Doubt, cameras: dict[str, CameraReport]) -> bool:
+    one, two = (cameras.get(name) for name in doubt.cameras)
+    return one is not None and two is not None and _in_each_others_place(one, two)
+
+
+def _in_each_others_place(one: CameraReport, two: CameraReport) -> bool:
+    if one.survey_misfit_m is None or two.survey_misfit_m is None:
+        return False
+    here, there = np.array(one.centre_enu), np.array(two.centre_enu)
+    surveyed_here, surveyed_there = here - one.survey_misfit_m, there - two.survey_misfit_m
+    apart_m = float(np.linalg.norm(here - there))
+    off_m = max(np.linalg.norm(here - surveyed_there), np.linalg.norm(there - surveyed_here))
+    return bool(off_m < EXCHANGED * apart_m)
 
 
 def _clock(camera: CameraReport, site: SiteCamera) -> list[str]:

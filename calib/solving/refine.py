@@ -1,12 +1,12 @@
-"""Bundle adjustment, and the judging of what came of it: which camera is an outlier, which surveyed position is wrong.
+"""Bundle adjustment, and the judging of what came of it: which camera is an outlier, which priors claim too much.
 
 The hazard is the average. A camera with the lens file of another, or a tripod whose position was mistyped, bends
 everything a little and looks fine in the sum. So after each adjustment every camera has to explain its own rows as well
-as the others do theirs, and every surveyed position has to agree with the shape the cameras see. The worst offender is
-taken out, named with the evidence, and the rest adjusted again.
+as the others do theirs, and what survey, lens files and clocks claim has to agree with what the cameras saw (`strain`).
+The worst camera is taken out by name, with the evidence, what is doubted is believed less, and the rest adjusted again.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 
 from calib.adjustment.bundle import Adjusted, Problem, adjust
 from calib.adjustment.flight import FlightEstimate
+from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
 from calib.adjustment.projection import ROTATION, centre_of
 from calib.adjustment.weights import Weights
@@ -22,26 +23,32 @@ from calib.network import Camera
 from calib.solving.bootstrap import first_estimate
 from calib.solving.initial_estimate import InitialEstimate
 from calib.solving.inputs import FEWEST_CAMERA_ROWS, Inputs
-from calib.solving.survey_check import FALSE_ALARM, GAUGE, NetworkCheck, check_survey
+from calib.solving.rivals import told_apart
+from calib.solving.strain import Believed, Strain, strain, widening
+from calib.solving.survey_check import GAUGE, NetworkCheck, check_survey
 from edge.common.arrays import Array
 
 FIRST_SIGMA_RAY: Final = 0.005  # what a first estimate is good for, in ray units
 FEWEST_INLIERS: Final = 0.5  # share of a camera's rows within its noise: half clutter is no camera
 WITHIN_SIGMAS: Final = 3.0  # 98.9 % of good two-dimensional residuals
 COARSEST: Final = 8.0  # times the other cameras' noise, in ray units: a lens or a clock that no refinement mends
-SURE: Final = 1e-4  # chance of a good survey looking so wrong, below which a position is taken out and not only named
+DOUBT_ROUNDS: Final = 4  # of adjusting with other doubts: what is wrong is clearer the less it is believed
 FEWEST_LEFT: Final = 3  # cameras: fewer would hang on the survey of two
 GAUGE_SIGMA: Final = 1e-6  # baselines: holds a local frame without counting as knowledge
 
 
 @dataclass(frozen=True)
 class Refined:
-    """The adjustment, its problem, and from where it was begun after all that was taken out. left_out: camera, why."""
+    """The adjustment, its problem, and from where it was begun after all that was taken out. left_out: camera, why.
+
+    strain: the test of what survey, lens files and clocks claim, and what was doubted; None in a local frame.
+    """
 
     adjusted: Adjusted
     problem: Problem
     initial: InitialEstimate
     left_out: dict[str, str]
+    strain: Strain | None = None
 
 
 def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
@@ -49,38 +56,87 @@ def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
 
     Raises CalibrationError if too little is left.
     """
-    left_out: dict[str, str] = {}
-    weights: Weights | None = None  # of the round before, while the cameras stay the same
+    attempt = _Attempt(inputs, initial, knots_s)
     while True:
-        problem, estimate = _problem(inputs, initial, knots_s)
-        blind = [
-            c.id for c, seen in zip(estimate.cameras, problem.data, strict=True) if len(seen.t_s) < FEWEST_CAMERA_ROWS
-        ]
-        if blind:
-            left_out[blind[0]] = "it hardly ever saw an object that another camera saw at the same time"
-            initial = _without(initial, initial.cameras, blind[0])
+        attempt.adjust()
+        if attempt.without_a_camera() or attempt.with_other_doubts():
             continue
-        if weights is None or len(weights.sigma_px) != len(estimate.cameras):
-            weights = _first_weights(problem, estimate)
-        try:
-            adjusted = adjust(problem, estimate, weights)
-        except CalibrationError:
-            doubtful = _most_doubtful(initial)
-            if doubtful is None:
-                raise
-            left_out[doubtful] = "with it nothing can be determined: check its lens file, its clock and its frames"
-            initial, weights = _without(initial, initial.cameras, doubtful), None
-            continue
-        outcast = _outcast(adjusted, problem)
-        if outcast:
-            left_out[outcast[0]] = outcast[1]
-            initial, weights = _without(initial, adjusted.estimate.cameras, outcast[0]), None
-        elif initial.gauge is None and (wrong := _wrong_position(adjusted, problem)):
-            rejected = {**initial.rejected, wrong[0]: wrong[1]}
-            initial = replace(initial, cameras=adjusted.estimate.cameras, rejected=rejected)
-            weights = adjusted.weights
+        assert attempt.adjusted is not None
+        return Refined(attempt.adjusted, attempt.problem, attempt.initial, attempt.left_out, attempt.strain)
+
+
+@dataclass
+class _Attempt:
+    """Where refining stands. weights: of the round before, while the cameras stay the same."""
+
+    inputs: Inputs
+    initial: InitialEstimate
+    knots_s: float
+    left_out: dict[str, str] = field(default_factory=dict)
+    weights: Weights | None = None
+    doubt_rounds: int = 0
+    adjusted: Adjusted | None = None
+    strain: Strain | None = None
+    _blind: str | None = None
+
+    def __post_init__(self) -> None:
+        self.problem, self.estimate = _problem(self.inputs, self.initial, self.knots_s)
+
+    def adjust(self) -> None:
+        """Adjust what there is; `adjusted` stays None if a camera hardly saw anything, or nothing can be determined."""
+        self.problem, self.estimate = _problem(self.inputs, self.initial, self.knots_s)
+        self.adjusted = None
+        if self._blind_camera() is None:
+            weights = self.weights or _first_weights(self.problem, self.estimate)
+            try:
+                self.adjusted = adjust(self.problem, self.estimate, weights)
+            except CalibrationError:
+                if _most_doubtful(self.initial) is None:
+                    raise
+
+    def without_a_camera(self) -> bool:
+        """Take out the camera that does not belong, if there is one. Raises CalibrationError if too few are left."""
+        if self.adjusted is not None:
+            outcast = _outcast(self.adjusted, self.problem)
+            cameras = self.adjusted.estimate.cameras
+        elif blind := self._blind_camera():
+            outcast, cameras = (blind, "it hardly ever saw an object that another camera saw at the same time"), None
         else:
-            return Refined(adjusted, problem, initial, left_out)
+            doubtful = _most_doubtful(self.initial)
+            assert doubtful is not None
+            why = "with it nothing can be determined: check its lens file, its clock and its frames"
+            outcast, cameras = (doubtful, why), None
+        if outcast is None:
+            return False
+        name, self.left_out[outcast[0]] = outcast
+        self.initial, self.weights = _without(self.initial, cameras or self.initial.cameras, name), None
+        return True
+
+    def with_other_doubts(self) -> bool:
+        """Believe less what the adjustment contradicts, if that is not what was believed less already."""
+        assert self.adjusted is not None
+        if self.initial.gauge is not None:
+            return False
+        found = strain(self.adjusted, self.problem)
+        self.strain = replace(found, doubts=told_apart(self.adjusted, self.problem, found.doubts))
+        if self.doubt_rounds >= DOUBT_ROUNDS or _covered(self.strain.doubts, self.initial.doubts):
+            return False
+        self.doubt_rounds += 1
+        self.initial = replace(self.initial, cameras=self.adjusted.estimate.cameras, doubts=self.strain.doubts)
+        self.weights = self.adjusted.weights
+        return True
+
+    def _blind_camera(self) -> str | None:
+        pairs = zip(self.estimate.cameras, self.problem.data, strict=True)
+        return next((camera.id for camera, seen in pairs if len(seen.t_s) < FEWEST_CAMERA_ROWS), None)
+
+
+def _covered(doubts: tuple[Believed, ...], allowed: tuple[Believed, ...]) -> bool:
+    """Whether just these doubts were allowed for, and in no smaller size: adjusting anew would change nothing."""
+    sizes = {one.doubt.about: one.doubt.size for one in allowed}
+    return {one.doubt.about for one in doubts} == sizes.keys() and all(
+        one.doubt.size <= sizes[one.doubt.about] for one in doubts
+    )
 
 
 def _most_doubtful(initial: InitialEstimate) -> str | None:
@@ -93,7 +149,7 @@ def _most_doubtful(initial: InitialEstimate) -> str | None:
 
 def _problem(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> tuple[Problem, FlightEstimate]:
     cameras = on_site_time(initial.cameras, inputs.sites)
-    priors = camera_priors(cameras, inputs.sites, frozenset(initial.rejected))
+    priors = camera_priors(cameras, inputs.sites)
     if initial.gauge:
         priors = _local_gauge(priors, initial.gauge)
     cameras = tuple(map(held, cameras, priors))
@@ -105,7 +161,8 @@ def _problem(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> tuple[
         t_mid=inputs.t_mid_unix_ns,
         spacing_s=knots_s,
     )
-    return Problem(data, priors), estimate
+    widened = widening(initial.doubts, JointPrior(priors)) if initial.doubts else None
+    return Problem(data, priors, widened), estimate
 
 
 def _local_gauge(priors: tuple[CameraPrior, ...], gauge: tuple[str, str]) -> tuple[CameraPrior, ...]:
@@ -180,16 +237,3 @@ def survey_check(adjusted: Adjusted, problem: Problem) -> NetworkCheck | None:
         np.array([adjusted.estimate.cameras[index].centre_enu for index in used]),
         adjusted.factor.camera_covariance[np.ix_(at, at)],
     )
-
-
-def _wrong_position(adjusted: Adjusted, problem: Problem) -> tuple[str, str] | None:
-    """A surveyed position that is wrong beyond doubt, and the sentence that says so.
-
-    Beyond doubt: the others agree among themselves once it is gone. Where they still do not, the cameras' own errors
-    are larger than they claim, and taking positions out one by one would only bend the network further.
-    """
-    check = survey_check(adjusted, problem)
-    if check is None or check.suspect is None or check.p_value > SURE:
-        return None
-    others_agree = check.rest_p_value is not None and check.rest_p_value > FALSE_ALARM
-    return (check.suspect, f"{check}; it was not used") if others_agree and not check.also else None

@@ -15,10 +15,9 @@ from calib.errors import CalibrationError
 from calib.network import Network
 from calib.observations import Scene
 from calib.solving.clocks import NEAR_S
-from calib.solving.common_time import Timed, on_one_time
 from calib.solving.evidence import gather
-from calib.solving.findings import findings
-from calib.solving.found import Cause, Found
+from calib.solving.findings import contradiction, findings
+from calib.solving.georeference import CHECK_UP, OVERTURNED
 from calib.solving.initial_estimate import from_network, from_scaffold
 from calib.solving.inputs import Inputs, prepare
 from calib.solving.readmit import readmit
@@ -33,6 +32,8 @@ from calib.solving.solution import (
     trajectory_of,
     weakest,
 )
+from calib.solving.strain import BEYOND_DOUBT, Strain
+from calib.solving.upright import upside_down
 
 KNOTS_S: Final = 0.5  # between knots: a UAV's acceleration changes in about that time
 
@@ -67,27 +68,24 @@ def solve(scene: Scene, options: SolveOptions = DEFAULTS, start: Network | None 
     lenses = {camera.id: camera.lens for camera in start.cameras} if start else None
     inputs = prepare(scene, local=options.local, lenses=lenses)
     if start:
-        timed = Timed(inputs, {})
         initial = from_network(inputs, start)
     else:
-        timed = on_one_time(inputs, local=options.local, near_s=options.clock_search_s)
-        initial = from_scaffold(timed.inputs, timed.clocks, local=options.local)
-    refined = refine(timed.inputs, initial, options.knots_s)
-    refined = _readmitted(timed, refined, options)
-    return _answer(timed, refined, options)
+        initial = from_scaffold(inputs, local=options.local, clock_search_s=options.clock_search_s)
+    refined = refine(inputs, initial, options.knots_s)
+    refined = _readmitted(inputs, refined, options)
+    return _answer(inputs, refined, options)
 
 
-def _readmitted(timed: Timed, refined: Refined, options: SolveOptions) -> Refined:
+def _readmitted(inputs: Inputs, refined: Refined, options: SolveOptions) -> Refined:
     """Cameras that were left out or taken out, each tried once against the refined flight.
 
-    One that comes back has a pose of its own, so a verdict on its position that rested on the old one is dropped.
+    One that comes back has a pose of its own.
     """
     tried: set[str] = set()
-    inputs = timed.inputs
     while True:
         objects = dict(refined.initial.objects)
         untried = {name: own for name, own in inputs.tracks.items() if name not in tried}
-        back = readmit(refined.adjusted.estimate, untried, inputs.sites, objects, timed.clocks)
+        back = readmit(refined.adjusted.estimate, untried, inputs.sites, objects)
         if not back:
             return refined
         names = {camera.id for camera in back}
@@ -96,49 +94,84 @@ def _readmitted(timed: Timed, refined: Refined, options: SolveOptions) -> Refine
             refined.initial,
             cameras=tuple(sorted((*refined.adjusted.estimate.cameras, *back), key=lambda camera: camera.id)),
             objects=objects,
-            rejected={name: why for name, why in refined.initial.rejected.items() if name not in names},
         )
         again = refine(inputs, initial, options.knots_s)
         refined = replace(again, left_out={**refined.left_out, **again.left_out})
 
 
-def _answer(timed: Timed, refined: Refined, options: SolveOptions) -> Solution:
-    inputs = timed.inputs
+def _answer(inputs: Inputs, refined: Refined, options: SolveOptions) -> Solution:
     adjusted, problem, scene = refined.adjusted, refined.problem, inputs.scene
-    network = timed.as_stamped(network_of(adjusted, problem, scene.site, scene.origin, inputs.t_mid_unix_ns))
+    network = network_of(adjusted, problem, scene.site, scene.origin, inputs.t_mid_unix_ns)
     trajectory = trajectory_of(adjusted, problem, inputs.t_mid_unix_ns)
-    _refuse_absurd(network, trajectory)
-    return Solution(network, trajectory, _report(timed, refined, evidence=options.evidence))
+    _refuse_strained(network, refined.strain)
+    _refuse_overturned(network, trajectory, inputs)
+    _refuse_absurd(network, trajectory, refined.strain)
+    return Solution(network, trajectory, _report(inputs, refined, evidence=options.evidence))
 
 
-def _refuse_absurd(network: Network, trajectory: Trajectory) -> None:
+def _refuse_strained(network: Network, found: Strain | None) -> None:
+    """Raises CalibrationError for priors that contradict the cameras in a way that nothing known explains."""
+    if found is not None and found.p_value_allowed < BEYOND_DOUBT:
+        raise CalibrationError(
+            f"survey, lens files and clocks contradict what the cameras saw {found.figures}, and no one of them alone "
+            "explains it",
+            where=network.site,
+            action="check that each camera has its own lens file, position and tracks",
+        )
+
+
+def _refuse_overturned(network: Network, trajectory: Trajectory, inputs: Inputs) -> None:
+    """Raises CalibrationError for a world upside down; a local frame has no up."""
+    if all(inputs.sites[camera.id].position_enu is None for camera in network.cameras):
+        return
+    ups = {camera.id: up for camera in network.cameras if (up := inputs.sites[camera.id].up_cam) is not None}
+    if ups:
+        overturned = [c.id for c in network.cameras if c.id in ups and float(c.R_cam_enu[:, 2] @ ups[c.id]) < 0]
+        if overturned:
+            raise CalibrationError(
+                f"{', '.join(overturned)}: by survey and flight up is where its up_cam says down is",
+                where=network.site,
+                action="correct up_cam, or look for exchanged positions",
+            )
+        return
+    centres = np.array([camera.centre_enu for camera in network.cameras])
+    if upside_down([camera.R_cam_enu for camera in network.cameras], centres, trajectory.points_enu):
+        raise CalibrationError(OVERTURNED, where=network.site, action=CHECK_UP)
+
+
+def _refuse_absurd(network: Network, trajectory: Trajectory, found: Strain | None) -> None:
     """Raises CalibrationError for a network that says itself that it knows nothing."""
     if len(trajectory.points_enu) == 0:
         raise CalibrationError("no two cameras see the object at once", where=network.site, action=FLY_WIDER)
     sigma = np.sqrt(np.trace(trajectory.covariance_enu, axis1=1, axis2=2))
     middle = np.mean([camera.centre_enu for camera in network.cameras], axis=0)
     share = float(np.median(sigma / np.linalg.norm(trajectory.points_enu - middle, axis=1)))
-    if not share < ABSURD_SHARE:
+    if share < ABSURD_SHARE:
+        return
+    if found is not None and found.doubts:
         raise CalibrationError(
-            f"the flight does not determine the network: positions are open by {100 * share:.0f} % of the distance",
+            f"{contradiction(found, len(network.cameras))}; without all of these the positions are open by "
+            f"{100 * share:.0f} % of the distance",
             where=network.site,
-            action=FLY_WIDER,
+            action="correct what is wrong and solve again",
         )
-
-
-def _report(timed: Timed, refined: Refined, *, evidence: bool) -> SolutionReport:
-    inputs, adjusted, problem = timed.inputs, refined.adjusted, refined.problem
-    surveyed = {name: site.position_enu for name, site in inputs.sites.items() if site.position_enu is not None}
-    adjusted_cameras = camera_reports(
-        adjusted, problem, surveyed, {name: site.lens for name, site in inputs.sites.items()}
+    raise CalibrationError(
+        f"the flight does not determine the network: positions are open by {100 * share:.0f} % of the distance",
+        where=network.site,
+        action=FLY_WIDER,
     )
-    cameras = tuple(map(timed.report, adjusted_cameras))
+
+
+def _report(inputs: Inputs, refined: Refined, *, evidence: bool) -> SolutionReport:
+    adjusted, problem = refined.adjusted, refined.problem
+    surveyed = {name: site.position_enu for name, site in inputs.sites.items() if site.position_enu is not None}
+    cameras = camera_reports(adjusted, problem, surveyed, {name: site.lens for name, site in inputs.sites.items()})
     misfits = np.array([camera.survey_misfit_m for camera in cameras if camera.survey_misfit_m is not None])
     name, sigma, direction = weakest(adjusted, problem)
     return SolutionReport(
         cameras=cameras,
         left_out=_left_out(inputs, refined, {camera.id for camera in cameras}),
-        findings=(*_rejected(refined.initial.rejected), *findings(cameras, inputs.sites)),
+        findings=findings(cameras, inputs.sites, refined.strain),
         rms_px=rms_px(adjusted, problem),
         survey_rms_m=float(np.sqrt((misfits**2).sum(1).mean())) if len(misfits) else None,
         rounds=adjusted.rounds,
@@ -148,14 +181,6 @@ def _report(timed: Timed, refined: Refined, *, evidence: bool) -> SolutionReport
         weakest_sigma_m=sigma,
         weakest_direction_enu=direction,
         evidence=gather(adjusted, problem, camera_covariance(adjusted, problem)) if evidence else None,
-    )
-
-
-def _rejected(rejected: dict[str, str]) -> tuple[Found, ...]:
-    """One finding for each sentence on surveyed positions that were not used, of all cameras that it is about."""
-    return tuple(
-        Found(Cause.POSITION, tuple(name for name, why in rejected.items() if why == sentence), sentence)
-        for sentence in dict.fromkeys(rejected.values())
     )
 
 

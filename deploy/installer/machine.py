@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from . import services, site_time
+from . import services
 from .places import PROGRAMS, SERVICES, Places
 from .telling import RefusedError, say
 
@@ -149,8 +149,7 @@ def uninstall(places: Places, *, purge: bool) -> None:
         (places.units / f"{unit}.service.d/back-off.conf").unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             (places.units / f"{unit}.service.d").rmdir()  # what an administrator added there stays
-    site_time.take_back(places)
-    for name in (UDEV, SYSCTL):
+    for name in (UDEV, SYSCTL, "chrony/conf.d/skyfix.conf"):
         places.etc(name).unlink(missing_ok=True)
     for name in PROGRAMS:
         link = places.commands / name

@@ -21,7 +21,7 @@ def swapped(one: int, two: int) -> dict[str, dict[str, object]]:
 def test_a_swap_is_named(pair: tuple[int, int]) -> None:
     found = solved(site(offsets_s=(0.0,) * 5, special=swapped(*pair)))
     one, two = (f"cam{number + 1}" for number in pair)
-    assert any(f"{one} and {two} look swapped" in str(finding) for finding in found.solution.report.findings)
+    assert any(f"{one} and {two} are exchanged" in str(finding) for finding in found.solution.report.findings)
     assert_right(found)
 
 

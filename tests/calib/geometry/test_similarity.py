@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import CalibrationError
-from calib.geometry.similarity import Similarity, best_swap, fit_similarity, fit_with_up, rms, worst_point
+from calib.geometry.similarity import Similarity, fit_similarity, fit_with_up, rms
 from calib.simulation.camera import rotation
 
 SIX = np.array([[0, 0, 0], [50, 4, 1], [20, 60, 0], [-40, 30, 2], [-30, -40, 1], [10, -70, 3]], float)
@@ -66,25 +66,6 @@ def test_two_cameras_and_up_fix_a_frame(vector: tuple[float, ...], seed: int) ->
     found = fit_with_up(source, target, up_source)
     points = np.random.default_rng(seed).normal(size=(5, 3))
     assert found.apply(points) == pytest.approx(truth.apply(points), abs=1e-8)
-
-
-@pytest.mark.parametrize("pair", [(0, 1), (2, 5), (1, 4)])
-def test_a_swap_is_found(pair: tuple[int, int]) -> None:
-    target = moved(SIX, 0.1, (0, 0, 1), (0, 0, 0))
-    target[list(pair)] = target[list(reversed(pair))]
-    found, misfit = best_swap(SIX, target)
-    assert set(found) == set(pair)
-    assert misfit < 1e-9
-
-
-@pytest.mark.parametrize("index", range(6))
-def test_a_wrong_point_is_found_and_how_far_it_is_off(index: int) -> None:
-    target = moved(SIX, 1.0, (0, 0, 1), (0, 0, 0))
-    target[index] += [3.0, 4.0, 0.0]
-    found, misfit, off = worst_point(SIX, target)
-    assert found == index
-    assert misfit < 1e-9
-    assert off == pytest.approx(5.0)
 
 
 def test_what_cannot_fix_a_frame_is_refused_with_advice() -> None:

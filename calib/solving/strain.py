@@ -1,0 +1,190 @@
+"""Whether the priors agree with what the cameras saw, and if not, which of them is to be believed less.
+
+The hazard is the prior that gives way in silence. An adjustment moves a lens by eight of its sigmas, because a height
+was typed above sea level, and reports the sigma of a flight in which everything was as claimed. How far survey, lenses
+and clocks were moved, all together and against how far they may, is a chi-square test (Baarda 1968); but one wrong
+number among forty hides in it. So each thing that people get wrong is a hypothesis (`doubts`): it says by how much more
+the priors may be off, and what the cameras saw has a likelihood under it. If it is unlikely that all
+is as claimed, whatever is not unlikely widens the priors, and everything is adjusted again: where the others determine
+what is no longer believed, little is lost, and where they do not, the sigma says so.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from scipy import stats
+
+from calib.adjustment.bundle import Adjusted, Problem
+from calib.adjustment.joint_prior import JointPrior
+from calib.adjustment.uncertainty import camera_covariance
+from calib.solving.doubts import Doubt, all_doubts, directions
+from calib.solving.survey_check import TESTABLE
+from edge.common.arrays import Array
+
+UNSURE: Final = 0.1  # probability that all is as claimed, below which it is not taken to be so
+UNLIKELY: Final = 0.02  # probability of a doubt, below which it is not allowed for
+CERTAIN: Final = 0.95  # probability from which on a doubt stands alone
+LARGEST_SIZE: Final = 0.01  # of a doubt's probability: the largest size that has as much is allowed for
+BEYOND_DOUBT: Final = 1e-6  # chance of priors being so strained, when nothing that people get wrong explains it
+AT_ONCE: Final = 3  # things that are wrong at once, each hidden by the other
+
+
+@dataclass(frozen=True)
+class Believed:
+    """A doubt, in the largest size that is not unlikely, and how probable it is given what was seen."""
+
+    doubt: Doubt
+    probability: float
+
+
+@dataclass(frozen=True)
+class Strain:
+    """The test of all priors, as claimed and with the doubts allowed for: chi-square, degrees of freedom, chance.
+
+    doubts: what is more likely than that all is as claimed, most probable first.
+    """
+
+    statistic: float
+    freedom: int
+    p_value: float
+    doubts: tuple[Believed, ...]
+    p_value_allowed: float
+
+    @property
+    def figures(self) -> str:
+        """The test in brackets."""
+        return f"(chi-square {self.statistic:.1f} of {self.freedom})"
+
+
+@dataclass(frozen=True)
+class PixelInformation:
+    """What the pixels alone say of the known unknowns, linearised where an adjustment has settled.
+
+    scale: (K',) sigmas as claimed, the units of the rest. information: (K', K'). pull: (K',) information times how far
+    the pixels' own estimate lies from the priors' means.
+    """
+
+    scale: Array
+    information: Array
+    pull: Array
+
+    @classmethod
+    def of(cls, adjusted: Adjusted, problem: Problem) -> "PixelInformation":
+        """From an adjustment, whatever its priors claimed: their part is taken out again."""
+        prior = problem.prior
+        scale = np.sqrt(np.diag(prior.claimed))
+        at = np.ix_(prior.known, prior.known)
+        both = np.linalg.inv(camera_covariance(adjusted, problem)[at] / np.outer(scale, scale))
+        away = prior.deviation(adjusted.estimate.cameras)[prior.known] / scale
+        by_prior = np.linalg.inv(prior.covariance / np.outer(scale, scale))
+        return cls(scale, both - by_prior, both @ away)
+
+    def against(self, covariance: Array) -> "PriorTest":
+        """How far priors of this covariance (K', K') are off, in the directions that the pixels know.
+
+        In units of such a prior (P^-1 = L^-T L^-1) an adjustment moves it by z = L' h, with covariance
+        W = 1 - L' C L. Along an eigenvector of W the prior is off by z / w, known with a variance of 1 / w.
+        """
+        root = np.linalg.cholesky(np.linalg.inv(covariance / np.outer(self.scale, self.scale)))
+        adjusted = np.linalg.inv(self.information + root @ root.T)
+        values, vectors = np.linalg.eigh(np.eye(len(root)) - root.T @ (adjusted + adjusted.T) @ root / 2)
+        tested = values > TESTABLE
+        values, vectors = values[tested], vectors[:, tested]
+        moved = vectors.T @ (root.T @ (adjusted @ self.pull))
+        return PriorTest(moved / values, 1 / values, (root @ vectors) / self.scale[:, None])
+
+
+@dataclass(frozen=True)
+class PriorTest:
+    """Priors against pixels: how far off (k,), with which variance (k,), and (K', k) what brings any further
+    covariance of the priors into that frame.
+    """
+
+    off: Array
+    variance: Array
+    frame: Array
+
+    @property
+    def statistic(self) -> float:
+        """Chi-square with k degrees of freedom, if the priors are as good as they say."""
+        return float((self.off**2 / self.variance).sum())
+
+    @property
+    def p_value(self) -> float:
+        """The chance of priors that are as good as they say looking so strained."""
+        return float(stats.chi2.sf(self.statistic, len(self.off))) if len(self.off) else 1.0
+
+    def log_likelihood(self, parts: Array) -> float:
+        """Of what was seen, if the priors' covariance is larger by parts @ parts.T; parts: (K', r)."""
+        within = self.frame.T @ parts
+        weighted = within / self.variance[:, None]
+        inner = np.eye(parts.shape[1]) + within.T @ weighted
+        pull = weighted.T @ self.off
+        quadratic = self.statistic - float(pull @ np.linalg.solve(inner, pull))
+        return -0.5 * (quadratic + float(np.log(self.variance).sum() + np.linalg.slogdet(inner)[1]))
+
+
+def strain(adjusted: Adjusted, problem: Problem) -> Strain:
+    """Test what survey, lens files and clocks claim, and weigh what may be wrong with them."""
+    if not problem.prior.known.any():
+        return Strain(0.0, 0, 1.0, (), 1.0)
+    return _Weighing(problem.prior, PixelInformation.of(adjusted, problem)).strain()
+
+
+def widening(doubts: tuple[Believed, ...], prior: JointPrior) -> Array:
+    """(14 C, 14 C) covariance that doubts add to what priors claim."""
+    total = np.zeros((len(prior.known), len(prior.known)))
+    for one in doubts:
+        parts = one.doubt.size * directions(one.doubt, prior)
+        total += parts @ parts.T
+    return total
+
+
+@dataclass(frozen=True)
+class _Weighing:
+    prior: JointPrior
+    seen: PixelInformation
+
+    @cached_property
+    def _parts(self) -> dict[Doubt, Array]:
+        """(K', r) by doubt."""
+        found = {one: one.size * directions(one, self.prior)[self.prior.known] for one in all_doubts(self.prior)}
+        return {one: parts for one, parts in found.items() if parts.any()}
+
+    def strain(self) -> Strain:
+        claimed = self.seen.against(self.prior.claimed)
+        allowed = claimed
+        doubts: tuple[Believed, ...] = ()
+        for _ in range(AT_ONCE):
+            more = self._likely(allowed)
+            if not more:
+                break
+            doubts = (*doubts, *more)
+            known = np.ix_(self.prior.known, self.prior.known)
+            allowed = self.seen.against(self.prior.claimed + widening(doubts, self.prior)[known])
+        return Strain(claimed.statistic, len(claimed.off), claimed.p_value, doubts, allowed.p_value)
+
+    def _likely(self, tested: PriorTest) -> tuple[Believed, ...]:
+        """What is not unlikely, if it is likely that something is wrong; nothing otherwise."""
+        as_claimed = tested.log_likelihood(np.zeros((len(tested.frame), 1)))
+        support = [np.log(d.odds) + tested.log_likelihood(parts) - as_claimed for d, parts in self._parts.items()]
+        every = np.array([0.0, *support])  # the first: all is as claimed
+        probability = np.exp(every - every.max())
+        probability /= probability.sum()
+        if probability[0] > UNSURE:
+            return ()
+        sizes: dict[object, list[tuple[float, Doubt]]] = {}
+        for doubt, own in zip(self._parts, probability[1:].tolist(), strict=True):
+            sizes.setdefault(doubt.about, []).append((own, doubt))
+        likely = [_in_one(own) for own in sizes.values()]
+        likely = [one for one in likely if one.probability > UNLIKELY]
+        return tuple(sorted(likely, key=lambda one: (-round(one.probability, 6), one.doubt.claim, one.doubt.cameras)))
+
+
+def _in_one(sizes: list[tuple[float, Doubt]]) -> Believed:
+    """One doubt of all its sizes: the largest that is not unlikely."""
+    total = sum(weight for weight, _ in sizes)
+    largest = max((doubt for weight, doubt in sizes if weight >= LARGEST_SIZE * total), key=lambda doubt: doubt.size)
+    return Believed(largest, total)
