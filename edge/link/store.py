@@ -2,7 +2,7 @@
 
 Write-ahead log with a full sync at every commit: what is committed is there after a power cut, and the spool commits
 twice a second, not for every frame. A file that a dying card has garbled must not keep a camera from working: it is set
-aside under another name, and a new one begun.
+aside under another name, and a new one begun; so is one of another version, into which ours cannot be written.
 """
 
 import sqlite3
@@ -111,7 +111,24 @@ def _connect(path: Path) -> sqlite3.Connection:
             if check.fetchone()[0] != "ok":
                 raise sqlite3.DatabaseError("the integrity check failed")
         file.executescript(_SCHEMA)
+        _try(file)
     except sqlite3.Error:
         file.close()
         raise
     return file
+
+
+def _try(file: sqlite3.Connection) -> None:
+    """Raise DatabaseError if the table is another version's: one row is written, read, and taken back."""
+    try:
+        columns = {name for _, name, *_ in file.execute("PRAGMA table_info(rows)")}
+        if not {"id", *StoredRow._fields} <= columns:
+            raise sqlite3.DatabaseError("the table is of another version")
+        file.execute("BEGIN")
+        file.execute(_INSERT, StoredRow(-1, -1, 0, b""))
+        if file.execute("SELECT count(*) FROM rows WHERE epoch = -1").fetchone() != (1,):
+            raise sqlite3.DatabaseError("the table takes no rows of this version")
+    except sqlite3.OperationalError:
+        return  # a full or read-only disk says nothing of the table
+    finally:
+        file.rollback()

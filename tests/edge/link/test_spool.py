@@ -1,5 +1,6 @@
 """A spool on a real disk: it keeps what it was given through kill -9, a full disk and a garbled file."""
 
+import contextlib
 import itertools
 import os
 import signal
@@ -168,3 +169,35 @@ def test_kill_loses_at_most_what_was_not_committed(tmp_path: Path) -> None:
     store.close()
     assert [item.seq for item in rows] == list(range(len(rows))), "a hole, or a row that is not whole"
     assert len(rows) >= committed
+
+
+# As ours but for what each adds.
+_KNOWN = "id INTEGER PRIMARY KEY, epoch INTEGER NOT NULL, t_unix_ns INTEGER NOT NULL, payload BLOB NOT NULL"
+OTHER_TABLES = {
+    "a column that must be given": f"CREATE TABLE rows ({_KNOWN}, seq INTEGER, camera TEXT NOT NULL)",
+    "a column that is called otherwise": f"CREATE TABLE rows ({_KNOWN}, number INTEGER)",
+}
+
+
+@pytest.mark.parametrize("table", OTHER_TABLES.values(), ids=OTHER_TABLES)
+def test_a_table_of_another_version_is_set_aside(tmp_path: Path, table: str) -> None:
+    file = tmp_path / "spool.sqlite"
+    with contextlib.closing(sqlite3.connect(file)) as other:
+        other.execute(table)
+    with contextlib.closing(SpoolStore(file, max_bytes=10**6)) as store:
+        store.add([StoredRow(1, 1, 10**18, b"x")])
+        assert [kept.rows for kept in store.inventory()] == [1]
+    assert Path(f"{file}.garbled").exists()
+
+
+def test_a_table_with_a_further_column_is_kept(tmp_path: Path) -> None:
+    file = tmp_path / "spool.sqlite"
+    with contextlib.closing(SpoolStore(file, max_bytes=10**6)) as store:
+        store.add([StoredRow(1, 1, 10**18, b"x")])
+    with contextlib.closing(sqlite3.connect(file)) as later:
+        later.execute("ALTER TABLE rows ADD COLUMN camera TEXT")
+        later.execute("PRAGMA user_version = 99")
+        later.commit()
+    with contextlib.closing(SpoolStore(file, max_bytes=10**6)) as store:
+        store.add([StoredRow(1, 2, 10**18, b"y")])
+        assert [kept.rows for kept in store.inventory()] == [2]

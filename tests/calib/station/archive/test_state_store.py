@@ -1,9 +1,16 @@
 """Restarts: numbers are never given twice, the network comes back whole or not at all."""
 
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from calib.network import to_toml
 from calib.station.archive.state_store import StateStore
 from tools.doubles.flight import Spec, make
 
@@ -53,3 +60,76 @@ def test_a_disk_that_cannot_be_written_is_a_fault_not_an_exception(tmp_path: Pat
     keeper = StateStore(tmp_path / "file")
     assert keeper.load(CAMERAS).epoch == 1
     assert "cannot be written" in keeper.fault
+
+
+# What another version may have done to a file: keys that this one does not know, anywhere, and those it writes but the
+# other did not. The mark is of the text as that version wrote it.
+OTHER_VERSIONS = {
+    "a key at the top": lambda text: f"future_key = 1\n{text}",
+    "a key of the network": lambda text: text.replace("[network]\n", '[network]\nrefraction = "standard"\n'),
+    "a key of each camera": lambda text: text.replace("[[camera]]\n", "[[camera]]\ntilt = 0.5\n"),
+    "a table of its own": lambda text: f"{text}\n[weather]\nkelvin = 280.0\n",
+    "a key that it did not write": lambda text: "".join(
+        line for line in text.splitlines(keepends=True) if not line.startswith("correlated_s")
+    ),
+    "other spelling": lambda text: text.replace(" = ", "="),
+}
+
+
+@pytest.mark.parametrize("change", OTHER_VERSIONS.values(), ids=OTHER_VERSIONS)
+def test_another_versions_network_is_used(tmp_path: Path, change: Callable[[str], str]) -> None:
+    network = make(Spec()).network
+    text = change(to_toml(network))
+    mark = hashlib.sha256(text.encode()).hexdigest()[:12]
+    (tmp_path / "network.toml").write_text(f"# fingerprint {mark}\n{text}")
+    assert StateStore(tmp_path).load(CAMERAS).network is not None
+
+
+@pytest.mark.parametrize("line", ["future_key = 1", "# a remark", ""])
+def test_a_line_put_above_the_mark_costs_no_calibration(tmp_path: Path, line: str) -> None:
+    with StateStore(tmp_path) as keeper:
+        keeper.store_network(make(Spec()).network)
+    path = tmp_path / "network.toml"
+    path.write_text(f"{line}\n{path.read_text()}")
+    assert StateStore(tmp_path).load(CAMERAS).network is not None
+
+
+def test_a_network_that_is_not_used_is_set_aside(tmp_path: Path) -> None:
+    """A later version's format, say: after the step forward again it is there."""
+    with StateStore(tmp_path) as keeper:
+        keeper.store_network(make(Spec()).network)
+    path = tmp_path / "network.toml"
+    later = path.read_text().replace("format = ", "format = 1")
+    path.write_text(later)
+    assert StateStore(tmp_path).load(CAMERAS).network is None
+    assert not path.exists()
+    assert (tmp_path / "network.toml.aside").read_text() == later
+
+
+@given(st.dictionaries(st.text(max_size=10), st.integers() | st.text(max_size=5), max_size=3))
+def test_a_later_versions_counters_go_on_and_keep_what_is_not_known(others: dict[str, object]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "counters.json"
+        file.write_text(json.dumps(others | {"epoch": 5, "next_track": 700, "signing_ticks": 7}))
+        state = StateStore(Path(folder)).load(CAMERAS)
+        assert (state.epoch, state.first_track, state.signing_ticks) == (6, 700, 7)
+        kept = json.loads(file.read_text())
+        assert {name: kept[name] for name in others if name not in ("epoch", "next_track", "signing_ticks")} == {
+            name: value for name, value in others.items() if name not in ("epoch", "next_track", "signing_ticks")
+        }
+
+
+@pytest.mark.parametrize("garbage", [b"", b'{"x', b"\x00" * 40, b'{"epoch": "five"}', b"[]"])
+def test_after_a_damaged_file_no_number_is_given_twice(tmp_path: Path, garbage: bytes) -> None:
+    used = 0
+    for _ in range(3):
+        with StateStore(tmp_path) as keeper:
+            state = keeper.load(CAMERAS)
+            for track in range(state.first_track, state.first_track + 120):
+                keeper.note(track, 0)
+            used = state.first_track + 120
+    (tmp_path / "counters.json").write_bytes(garbage)
+    after = StateStore(tmp_path).load(CAMERAS)
+    assert after.epoch > 3
+    assert after.first_track >= used
+    assert StateStore(tmp_path).load(CAMERAS).epoch > after.epoch
