@@ -71,6 +71,10 @@ class Camera:
         """The same (N,) of stamps that are seconds (N,) since t_mid already."""
         return t_s + self.clock_offset_s + self.clock_rate * t_s + self.readout_s * v_px / self.lens.size_px[1]
 
+    def stamped_s(self, site_s: Array) -> Array:
+        """(N,) stamps, seconds from t_mid, of the first row of frames exposed at site times (N,)."""
+        return (site_s - self.clock_offset_s) / (1 + self.clock_rate)
+
 
 def pose_of(index: int) -> slice:
     """Where the pose of the camera of that index stands in a joint covariance: rotation, then centre."""

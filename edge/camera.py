@@ -17,6 +17,7 @@ from edge.capture.reader import Reader
 from edge.common.errors import SkyfixError
 from edge.common.health import SEVERITY, Check
 from edge.common.own_thread import OwnThread
+from edge.common.utc import Dated
 from edge.config import BoxConfig, CameraConfig, load_lens
 from edge.detector.opening import open_detector
 from edge.gate import TrackRow
@@ -43,7 +44,7 @@ class CameraWorker(OwnThread):
         *,
         epoch: int,
         clock_bound_s: Callable[[], float | None],
-        unix_ns: Callable[[int], int],
+        date: Callable[[int], Dated],
         publish: Callable[[Tracks], None],
     ) -> None:
         """Opens the model, not the camera. Raises ConfigError, ModelError."""
@@ -63,7 +64,7 @@ class CameraWorker(OwnThread):
         )
 
         def open_it() -> FrameSource:
-            return open_source(camera, colour=self._detector.colour, stop=self._stop, unix_ns=unix_ns)
+            return open_source(camera, colour=self._detector.colour, stop=self._stop, date=date)
 
         self.reader = Reader(camera.id, open_it, live=is_live(camera), lossless=is_lossless(camera))
         self._started_s = 0.0

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 from msgspec import Meta
 
+from edge.clock.settings import ClockBound, ClockConfig
 from edge.common.errors import ConfigError, LensError
 from edge.common.settings import build, load
 from edge.detector.formats import AUTO, FormatName, check_format
@@ -26,7 +27,6 @@ SHIPPED_MODEL: Final = Path(__file__).parent / "models" / "skyfix.onnx"
 
 Seconds = Annotated[float, Meta(gt=0, le=3600)]
 SecondsOrNone = Annotated[float, Meta(ge=0, le=3600)]
-Bound = Annotated[float, Meta(ge=0, le=1e6)]  # s, of a clock: the same as on the wire
 Share = Annotated[float, Meta(ge=0, le=1)]
 Coefficient = Annotated[float, Meta(ge=-1e6, le=1e6)]  # whether they bend like a lens, LensModel says
 LeverArm = Annotated[float, Meta(ge=-100, le=100)]
@@ -45,7 +45,7 @@ class SourceConfig(Section, frozen=True, kw_only=True):
         Literal["auto", "file", "v4l2", "rtsp", "folder"], Meta(description="auto: what the path looks like")
     ] = "auto"
     t0_unix_ns: Annotated[TimeNs | None, Meta(description="files: UTC of the first frame")] = None
-    bound_s: Annotated[Bound, Meta(description="files: how far t0_unix_ns may be off")] = 0.0
+    bound_s: Annotated[ClockBound, Meta(description="files: how far t0_unix_ns may be off")] = 0.0
     realtime: Annotated[bool, Meta(description="files: play at the pace of the stamps, dropping what is late")] = False
     start_at_unix_ns: Annotated[
         TimeNs | None, Meta(description="realtime: this box's UTC to play the first frame at")
@@ -160,17 +160,6 @@ class GnssConfig(Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         check_protocols("protocols", self.protocols)
-
-
-class ClockConfig(Section, frozen=True, kw_only=True):
-    """How the box knows UTC."""
-
-    source: Annotated[
-        Literal["auto", "ptp", "assumed"],
-        Meta(description="auto: chrony, else the kernel; ptp: ptp4l; assumed: assumed_bound_s is taken at its word"),
-    ] = "auto"
-    limit_s: Annotated[Seconds, Meta(description="check fails where UTC may be further off")] = 0.01
-    assumed_bound_s: Annotated[Bound, Meta(description="assumed: how far this box's UTC may be off")] = 0.01
 
 
 class SpoolConfig(Section, frozen=True, kw_only=True):

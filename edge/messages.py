@@ -1,8 +1,9 @@
 """The wire contract: every struct that crosses Zenoh, and its key.
 
 Two programs of different versions, or a program of somebody else's, meet on these bytes. So: unknown fields are
-ignored, missing optional ones defaulted, and everything else that is not exactly what the contract says is refused
-here, at the border, and never inside. JSON has no NaN, but a decoder may still hand on 1e308 or a time in 1970; the
+ignored, missing optional ones defaulted, a word that a later version added to a list of words is read as the most
+cautious of those known, and everything else that is not exactly what the contract says is refused here, at the border,
+and never inside. JSON has no NaN, but a decoder may still hand on 1e308 or a time in 1970; the
 ranges are therefore checked as well as the types. Who wrote a message is taken from its key, which access control
 checks, never from its payload.
 """
@@ -15,6 +16,7 @@ from msgspec import Meta
 
 from edge.common.errors import MessageError
 from edge.common.health import HealthLevel
+from edge.common.newer_words import newer_word, with_known_words
 from edge.lens import LensModel, LensName, check_lens_name
 
 VERSION: Final = 1
@@ -28,6 +30,8 @@ MAX_BACKLOG_ROWS: Final = 300
 MIN_T_UNIX_NS: Final = 1_000_000_000 * 10**9
 MAX_T_UNIX_NS: Final = 4_000_000_000 * 10**9
 
+# A box that was never told the time still says how it is, and above all that.
+AnyTimeNs = Annotated[int, Meta(ge=0, le=MAX_T_UNIX_NS)]
 TimeNs = Annotated[int, Meta(ge=MIN_T_UNIX_NS, le=MAX_T_UNIX_NS)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 # A pixel may lie a little outside the image (an interpolated row), never far.
@@ -59,7 +63,8 @@ class Detection(msgspec.Struct, frozen=True, kw_only=True):
     score: Probability
     sigma_px: Annotated[float, Meta(gt=0, le=1e4)] | None = None
     classes: dict[str, Probability] | None = None
-    status: Literal["confirmed", "interpolated"]
+    # An unknown status is no measurement.
+    status: Annotated[Literal["confirmed", "interpolated"], newer_word("interpolated")]
 
 
 class Tracks(msgspec.Struct, frozen=True, kw_only=True):
@@ -123,34 +128,42 @@ class Fix(msgspec.Struct, frozen=True, kw_only=True):
     of: Literal["lens", "antenna"] = "antenna"
 
 
+WireLevel = Annotated[HealthLevel, newer_word("warn")]
+
+
 class HealthItem(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that is or is not well: since when, why, and what to do."""
 
     name: str
-    level: HealthLevel
-    since_unix_ns: TimeNs
+    level: WireLevel
+    since_unix_ns: AnyTimeNs
     reason: str
     action: str = ""
 
 
 class Health(msgspec.Struct, frozen=True, kw_only=True):
-    """How a program is; `level` is the worst of `items`. `counters` only ever grow within an epoch."""
+    """How a program is; `level` is the worst of `items`. `counters` only ever grow within an epoch.
 
-    t_unix_ns: TimeNs
+    version: of the program; "" from one that is too old to say.
+    """
+
+    t_unix_ns: AnyTimeNs
     epoch: int
-    level: HealthLevel
+    level: WireLevel
     items: list[HealthItem]
     counters: dict[str, float]
+    version: Annotated[str, Meta(max_length=64)] = ""
 
 
 TargetState = Literal["tentative", "confirmed", "coasting", "lost"]
+WireTargetState = Annotated[TargetState, newer_word("tentative")]
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
     """One object's state in ECEF; `covariance` is the row-major upper triangle of the 6 x 6 of position, velocity."""
 
     track: Annotated[int, Meta(ge=0, le=2**32 - 1)]
-    state: TargetState
+    state: WireTargetState
     ecef_m: tuple[Metre, Metre, Metre]
     velocity_m_s: tuple[float, float, float]
     covariance: Annotated[list[float], Meta(min_length=21, max_length=21)]
@@ -180,13 +193,14 @@ class NetworkCamera(msgspec.Struct, frozen=True, kw_only=True):
 
 
 StationState = Literal["collecting", "calibrated", "suspect"]
+WireStationState = Annotated[StationState, newer_word("collecting")]
 
 
 class NetworkMessage(msgspec.Struct, frozen=True, kw_only=True):
     """The station's calibration state, why it is that, what to do next, and the network in force if there is one."""
 
     t_unix_ns: TimeNs
-    state: StationState
+    state: WireStationState
     reason: str
     action: str
     origin: tuple[float, float, float] | None = None
@@ -300,7 +314,10 @@ def encode(message: msgspec.Struct) -> bytes:
 def decode(payload: bytes, kind: type[Message], *, where: str) -> Message:
     """A message from its bytes. Raises MessageError, naming `where`, for anything the contract does not allow."""
     try:
-        return msgspec.json.decode(payload, type=kind)
+        try:
+            return msgspec.json.decode(payload, type=kind)
+        except msgspec.ValidationError:
+            return msgspec.convert(with_known_words(msgspec.json.decode(payload), kind), kind)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise MessageError(
             f"not a {kind.__name__} message ({error})",

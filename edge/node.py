@@ -14,7 +14,8 @@ from typing import Final
 
 from edge.camera import CameraWorker
 from edge.capture import is_live
-from edge.clock import ClockMonitor, check_clock
+from edge.clock.monitor import ClockMonitor
+from edge.clock.state import check_clock
 from edge.common.health import Check
 from edge.common.own_thread import give_way_soon
 from edge.common.systemd_notify import Notifier
@@ -67,7 +68,7 @@ class Node:
             config_file,
             epoch=self._epoch,
             clock_bound_s=self._clock.bound_s,
-            unix_ns=self._clock.unix_ns,
+            date=self._clock.date,
             publish=publish,
         )
 
@@ -121,6 +122,7 @@ class Node:
                 now_unix_ns,
                 [*worker.checks(), *self._picture(worker), *shared, *self._check_spool(camera)],
                 self._counters(worker),
+                now_ns=time.monotonic_ns(),
             )
             self._link.publish(camera_key(self._config.site, camera, "health"), health)
             if fix is not None:

@@ -17,6 +17,8 @@ PACKAGES: Final = {
     "ffmpeg": "ffmpeg",
     "gpsdecode": "gpsd-clients",
     "ip": "iproute2",
+    "pmc": "linuxptp",
+    "ptp4l": "linuxptp",
     "socat": "socat",
     "ssh-keygen": "openssh-client",
     "str2str": "rtklib",

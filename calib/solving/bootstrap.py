@@ -131,7 +131,7 @@ def _triangulate_at(
     for camera in cameras:
         for track in tracks[camera.id]:
             if objects.get((camera.id, track.number)) == target:
-                rays.append(track.at(t_s - camera.clock_offset_s))
+                rays.append(track.at(camera.stamped_s(t_s)))
                 rotations.append(camera.R_cam_enu)
                 centres.append(camera.centre_enu)
     points = np.full((len(t_s), 3), np.nan)

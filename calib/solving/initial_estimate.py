@@ -6,16 +6,16 @@ adjustment, its residuals and the cameras' own survey decide what becomes of it.
 
 from dataclasses import dataclass, field, replace
 
-from calib.adjustment.priors import trusted_clocks
 from calib.errors import CalibrationError
 from calib.geometry.similarity import UNCHANGED
 from calib.network import Camera, Network
 from calib.solving.bootstrap import to_enu
-from calib.solving.clocks import FAR_S, NEAR_S, align_all
+from calib.solving.clock_consensus import Clock
 from calib.solving.georeference import Georeference, georeference
 from calib.solving.identity import Key, identify
 from calib.solving.inputs import Inputs
 from calib.solving.scaffold import Pose, build, threshold_ray
+from calib.solving.series import TrackSeries
 from calib.solving.strain import Believed
 
 
@@ -34,21 +34,31 @@ class InitialEstimate:
     shares: dict[str, float] = field(default_factory=dict)
 
 
-def from_scaffold(inputs: Inputs, *, local: bool, clock_search_s: float = NEAR_S) -> InitialEstimate:
-    """Cameras from nothing but tracks and survey. Raises CalibrationError with what is missing."""
-    trusted = trusted_clocks(inputs.sites)
-    offsets = align_all(inputs.tracks, clock_search_s, trusted)
-    if len(offsets) < len(inputs.tracks) and clock_search_s < FAR_S:
-        offsets = align_all(inputs.tracks, FAR_S, trusted)
-    scaffold = build(inputs.tracks, offsets)
-    objects = _objects(inputs, offsets, scaffold.poses)
+def from_scaffold(inputs: Inputs, clocks: dict[str, Clock], *, local: bool) -> InitialEstimate:
+    """Cameras from nothing but tracks and survey. clocks: of the cameras that are to take part.
+
+    Raises CalibrationError with what is missing.
+    """
+    tracks, offsets = _at_pace(inputs.tracks, clocks), {name: clock.offset_s for name, clock in clocks.items()}
+    scaffold = build(tracks, offsets)
+    objects = _objects(tracks, offsets, scaffold.poses)
     frame = Georeference(UNCHANGED) if local else georeference(scaffold, inputs.sites)
     shares = {name: pose.share for name, pose in scaffold.poses.items()}
     cameras = tuple(
-        to_enu(scaffold.poses[name], inputs.sites[name], frame.similarity, offsets[name])
+        replace(
+            to_enu(scaffold.poses[name], inputs.sites[name], frame.similarity, offsets[name]),
+            clock_rate=clocks[name].rate,
+        )
         for name in sorted(scaffold.poses)
     )
     return InitialEstimate(cameras, objects, frame.doubts, scaffold.pair if local else None, shares)
+
+
+def _at_pace(tracks: dict[str, list[TrackSeries]], clocks: dict[str, Clock]) -> dict[str, list[TrackSeries]]:
+    """The tracks with the rates of their cameras' clocks taken out; their offsets stay in."""
+    return {
+        name: [track.stretched(clocks[name].rate) for track in own] for name, own in tracks.items() if name in clocks
+    }
 
 
 def from_network(inputs: Inputs, start: Network) -> InitialEstimate:
@@ -64,9 +74,10 @@ def from_network(inputs: Inputs, start: Network) -> InitialEstimate:
             f"{len(cameras)} cameras of the earlier network saw anything", where=start.site, action="calibrate anew"
         )
     poses = {camera.id: Pose(camera.R_cam_enu, camera.centre_enu, 1.0) for camera in cameras}
-    return InitialEstimate(cameras, _objects(inputs, {c.id: c.clock_offset_s for c in cameras}, poses))
+    clocks = {camera.id: Clock(camera.clock_offset_s, camera.clock_rate) for camera in cameras}
+    offsets = {name: clock.offset_s for name, clock in clocks.items()}
+    return InitialEstimate(cameras, _objects(_at_pace(inputs.tracks, clocks), offsets, poses))
 
 
-def _objects(inputs: Inputs, offsets: dict[str, float], poses: dict[str, Pose]) -> dict[Key, int]:
-    threshold = threshold_ray([inputs.tracks[name] for name in poses])
-    return identify(inputs.tracks, offsets, poses, threshold)
+def _objects(tracks: dict[str, list[TrackSeries]], offsets: dict[str, float], poses: dict[str, Pose]) -> dict[Key, int]:
+    return identify(tracks, offsets, poses, threshold_ray([tracks[name] for name in poses]))

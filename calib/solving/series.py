@@ -6,7 +6,7 @@ camera's track numbers mean nothing in another: which of its tracks shows the sa
 so here every combination is a candidate.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -45,6 +45,10 @@ class TrackSeries:
     def duration_s(self) -> float:
         """From first to last row."""
         return float(self.t_s[-1] - self.t_s[0])
+
+    def stretched(self, rate: float) -> "TrackSeries":
+        """The same with its stamps at another pace: t (1 + rate)."""
+        return replace(self, t_s=self.t_s * (1 + rate)) if rate else self
 
     def at(self, t_s: Array) -> Array:
         """Rays (M, 2) at stamped times (M,), interpolated; NaN where no two rows enclose the time closely."""

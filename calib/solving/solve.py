@@ -15,6 +15,7 @@ from calib.errors import CalibrationError
 from calib.network import Network
 from calib.observations import Scene
 from calib.solving.clocks import NEAR_S
+from calib.solving.common_time import Timed, on_one_time
 from calib.solving.evidence import gather
 from calib.solving.findings import contradiction, findings
 from calib.solving.georeference import CHECK_UP, OVERTURNED
@@ -68,24 +69,27 @@ def solve(scene: Scene, options: SolveOptions = DEFAULTS, start: Network | None 
     lenses = {camera.id: camera.lens for camera in start.cameras} if start else None
     inputs = prepare(scene, local=options.local, lenses=lenses)
     if start:
+        timed = Timed(inputs, {})
         initial = from_network(inputs, start)
     else:
-        initial = from_scaffold(inputs, local=options.local, clock_search_s=options.clock_search_s)
-    refined = refine(inputs, initial, options.knots_s)
-    refined = _readmitted(inputs, refined, options)
-    return _answer(inputs, refined, options)
+        timed = on_one_time(inputs, local=options.local, near_s=options.clock_search_s)
+        initial = from_scaffold(timed.inputs, timed.clocks, local=options.local)
+    refined = refine(timed.inputs, initial, options.knots_s)
+    refined = _readmitted(timed, refined, options)
+    return _answer(timed, refined, options)
 
 
-def _readmitted(inputs: Inputs, refined: Refined, options: SolveOptions) -> Refined:
+def _readmitted(timed: Timed, refined: Refined, options: SolveOptions) -> Refined:
     """Cameras that were left out or taken out, each tried once against the refined flight.
 
     One that comes back has a pose of its own.
     """
     tried: set[str] = set()
+    inputs = timed.inputs
     while True:
         objects = dict(refined.initial.objects)
         untried = {name: own for name, own in inputs.tracks.items() if name not in tried}
-        back = readmit(refined.adjusted.estimate, untried, inputs.sites, objects)
+        back = readmit(refined.adjusted.estimate, untried, inputs.sites, objects, timed.clocks)
         if not back:
             return refined
         names = {camera.id for camera in back}
@@ -99,14 +103,15 @@ def _readmitted(inputs: Inputs, refined: Refined, options: SolveOptions) -> Refi
         refined = replace(again, left_out={**refined.left_out, **again.left_out})
 
 
-def _answer(inputs: Inputs, refined: Refined, options: SolveOptions) -> Solution:
+def _answer(timed: Timed, refined: Refined, options: SolveOptions) -> Solution:
+    inputs = timed.inputs
     adjusted, problem, scene = refined.adjusted, refined.problem, inputs.scene
-    network = network_of(adjusted, problem, scene.site, scene.origin, inputs.t_mid_unix_ns)
+    network = timed.as_stamped(network_of(adjusted, problem, scene.site, scene.origin, inputs.t_mid_unix_ns))
     trajectory = trajectory_of(adjusted, problem, inputs.t_mid_unix_ns)
     _refuse_strained(network, refined.strain)
     _refuse_overturned(network, trajectory, inputs)
     _refuse_absurd(network, trajectory, refined.strain)
-    return Solution(network, trajectory, _report(inputs, refined, evidence=options.evidence))
+    return Solution(network, trajectory, _report(timed, refined, evidence=options.evidence))
 
 
 def _refuse_strained(network: Network, found: Strain | None) -> None:
@@ -162,10 +167,13 @@ def _refuse_absurd(network: Network, trajectory: Trajectory, found: Strain | Non
     )
 
 
-def _report(inputs: Inputs, refined: Refined, *, evidence: bool) -> SolutionReport:
-    adjusted, problem = refined.adjusted, refined.problem
+def _report(timed: Timed, refined: Refined, *, evidence: bool) -> SolutionReport:
+    inputs, adjusted, problem = timed.inputs, refined.adjusted, refined.problem
     surveyed = {name: site.position_enu for name, site in inputs.sites.items() if site.position_enu is not None}
-    cameras = camera_reports(adjusted, problem, surveyed, {name: site.lens for name, site in inputs.sites.items()})
+    adjusted_cameras = camera_reports(
+        adjusted, problem, surveyed, {name: site.lens for name, site in inputs.sites.items()}
+    )
+    cameras = tuple(map(timed.report, adjusted_cameras))
     misfits = np.array([camera.survey_misfit_m for camera in cameras if camera.survey_misfit_m is not None])
     name, sigma, direction = weakest(adjusted, problem)
     return SolutionReport(

@@ -13,6 +13,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from calib.tracking.options import TrackerOptions
+from edge.clock.settings import ClockConfig
 from edge.common import settings
 from edge.common.errors import ConfigError
 from edge.common.hosts import is_own
@@ -229,6 +230,7 @@ class BaseConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         ),
     ] = {}
     recording: RecordingSection = RecordingSection()
+    clock: ClockConfig = ClockConfig()
     status: StatusSection = StatusSection()
 
 

@@ -21,15 +21,19 @@ from calib.station.config import BaseConfig
 from calib.station.core.jobs import SolveResult
 from calib.station.core.station import Station, Tick
 from calib.station.core.surveyed_site import SurveyedSite
+from calib.station.core.versions import check_versions
 from calib.station.display import open_display
 from calib.station.latency import Latencies
 from calib.station.orders import Orders
 from calib.station.outputs.registry import OutputHost, open_outputs
+from calib.station.own_clock import check_own_clock
 from calib.station.standing import LoopWatch, disk_checks, fault_of, standing_of, synced
 from calib.station.status.snapshot import StationView, snapshot
 from calib.station.status.status import StationStatus
 from calib.station.survey.in_force import with_survey
 from calib.station.worker import LIVE, Solver, Worker
+from edge import __version__
+from edge.clock.monitor import ClockMonitor
 from edge.link.inbox import Received
 from edge.messages import camera_of_key, encode, station_key
 
@@ -66,6 +70,8 @@ class Runner:
         self.orders = Orders(self.station, self.worker, self.recording)
         self.boxes = Boxes(config.link, site, state_folder / "ledger.json", stack)
         self.display = open_display(config, folder, self.boxes.link, stack)
+        self._utc = stack.enter_context(ClockMonitor(config.clock))
+        self._clock_config = config.clock
         self.latencies = Latencies()
         self.loop = LoopWatch(self.clock.now_ns())
 
@@ -157,6 +163,8 @@ class Runner:
         self.outputs.second(standing, tick.texts, now_ns)
         self.keeper.note(self.station.next_track, self._signing_ticks)
         disk = disk_checks(disk=self.keeper.fault, recording=self.recording.fault)
+        own.append(check_own_clock(self._utc.state(), self._clock_config))
+        own.append(check_versions(__version__, self.station.intake.cameras.values()))
         self.station.extra_checks = own + self.outputs.checks(now_ns) + disk
         self.display.show(self.status())
 

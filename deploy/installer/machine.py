@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from . import services
+from . import services, site_time
 from .places import PROGRAMS, SERVICES, Places
 from .telling import RefusedError, say
 
@@ -149,7 +149,8 @@ def uninstall(places: Places, *, purge: bool) -> None:
         (places.units / f"{unit}.service.d/back-off.conf").unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             (places.units / f"{unit}.service.d").rmdir()  # what an administrator added there stays
-    for name in (UDEV, SYSCTL, "chrony/conf.d/skyfix.conf"):
+    site_time.take_back(places)
+    for name in (UDEV, SYSCTL):
         places.etc(name).unlink(missing_ok=True)
     for name in PROGRAMS:
         link = places.commands / name

@@ -13,6 +13,7 @@ from edge.capture.frame import FrameSource, Image, Picture, TimeSource
 from edge.capture.live import RtspStream, V4l2Camera, open_rtsp, open_v4l2
 from edge.capture.pacing import Realtime
 from edge.common.errors import ConfigError
+from edge.common.utc import Dated
 from edge.config import CameraConfig
 
 __all__ = ["FrameSource", "Image", "Picture", "TimeSource", "is_live", "is_lossless", "kind_of", "open_source"]
@@ -57,11 +58,11 @@ def is_lossless(camera: CameraConfig) -> bool:
 
 
 def open_source(
-    camera: CameraConfig, *, colour: bool, stop: threading.Event, unix_ns: Callable[[int], int]
+    camera: CameraConfig, *, colour: bool, stop: threading.Event, date: Callable[[int], Dated]
 ) -> FrameSource:
     """The camera's source, opened.
 
-    colour: whether BGR is needed. stop: set to end every wait within it. unix_ns: UTC of a monotonic stamp.
+    colour: whether BGR is needed. stop: set to end every wait within it. date: UTC of a monotonic stamp.
     Raises SourceError, ConfigError.
     """
     kind = kind_of(camera)
@@ -75,10 +76,11 @@ def open_source(
             exposure_s=camera.exposure_s,
             readout_s=camera.readout_s or 0.0,
             delay_s=source.delay_s,
-            unix_ns=unix_ns,
+            date=date,
         )
     if kind == "rtsp":
-        return RtspStream(open_rtsp(source.path, source.timeout_s), source.path, colour=colour, delay_s=source.delay_s)
+        stream = open_rtsp(source.path, source.timeout_s)
+        return RtspStream(stream, source.path, colour=colour, delay_s=source.delay_s, date=date)
     return _open_recording(camera, kind, colour, stop)
 
 

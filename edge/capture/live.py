@@ -23,6 +23,7 @@ from edge.capture.stamps import (
     sender_is_plausible,
 )
 from edge.common.errors import SourceError
+from edge.common.utc import Dated
 
 MONOTONIC_PLAUSIBLE_S: Final = 10.0  # s: a driver stamp further than this from now is of another clock
 
@@ -52,7 +53,7 @@ class Grabber(Protocol):
 class V4l2Camera:
     """A camera of this box. Driver stamps are CLOCK_MONOTONIC at the instant `stamp_of`; else arrival counts.
 
-    unix_ns: UTC of a monotonic stamp.
+    date: UTC of a monotonic stamp.
     """
 
     live = True
@@ -68,7 +69,7 @@ class V4l2Camera:
         exposure_s: float = 0.0,
         readout_s: float = 0.0,
         delay_s: float = 0.0,
-        unix_ns: Callable[[int], int],
+        date: Callable[[int], Dated],
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._capture = capture
@@ -76,7 +77,7 @@ class V4l2Camera:
         self._colour = colour
         self._stamp_of: StampOf = stamp_of
         self._exposure_s, self._readout_s, self._delay_ns = exposure_s, readout_s, round(delay_s * 1e9)
-        self._unix_ns = unix_ns
+        self._date = date
         self._monotonic_ns = monotonic_ns
 
     def read(self) -> Picture | None:
@@ -90,12 +91,12 @@ class V4l2Camera:
             raise _dead(self._path)
         stamped = 0 <= arrival_ns - stamp_ns < MONOTONIC_PLAUSIBLE_S * 1e9
         monotonic_ns = stamp_ns if stamped else arrival_ns
-        utc_ns = self._unix_ns(monotonic_ns) - self._delay_ns
+        dated = self._date(monotonic_ns)
         return Picture(
-            middle_of_exposure(utc_ns, self._stamp_of, self._exposure_s, self._readout_s),
+            middle_of_exposure(dated.t_unix_ns - self._delay_ns, self._stamp_of, self._exposure_s, self._readout_s),
             image if self._colour else grey(image),
             "sensor" if stamped else "arrival",
-            SENSOR_BOUND_S if stamped else ARRIVAL_BOUND_S,
+            (SENSOR_BOUND_S if stamped else ARRIVAL_BOUND_S) + dated.doubt_s,
         )
 
     def close(self) -> None:
@@ -104,7 +105,10 @@ class V4l2Camera:
 
 
 class RtspStream:
-    """A network camera. Its sender reports give UTC; before the first, the least delayed arrival does."""
+    """A network camera. Its sender reports give UTC; before the first, the least delayed arrival does.
+
+    Arrivals are measured by the monotonic clock, which never steps, and dated at the end. date: UTC of such a stamp.
+    """
 
     live = True
     skipped = 0
@@ -116,13 +120,15 @@ class RtspStream:
         *,
         colour: bool,
         delay_s: float = 0.0,
-        now_unix_ns: Callable[[], int] = time.time_ns,
+        date: Callable[[int], Dated],
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._capture = capture
         self._path = path
         self._colour = colour
         self._delay_ns = round(delay_s * 1e9)
-        self._now = now_unix_ns
+        self._date = date
+        self._monotonic_ns = monotonic_ns
         self._least_delay = LeastDelay()
         self._rounding = FrameRounding()
         self._drift = StreamDrift()
@@ -131,17 +137,20 @@ class RtspStream:
         """The next frame. Raises SourceError when the stream is dead."""
         if not self._capture.grab():
             raise _dead(self._path)
-        arrival_ns = self._now()
+        arrival_ns = self._monotonic_ns()
         at_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
         ok, image = self._capture.retrieve()
         if not ok:
             raise _dead(self._path)
         image = image if self._colour else grey(image)
         stream_ns = round(at_ms * 1e6)
-        arrived_ns = self._least_delay.unix_ns(stream_ns, arrival_ns)
+        arrived_ns = self._least_delay.arrived_ns(stream_ns, arrival_ns)
         sent_ns = self._sent_unix_ns(at_ms)
-        if sent_ns is None or not sender_is_plausible(sent_ns, arrival_ns):
-            return Picture(arrived_ns - self._delay_ns, image, "arrival", self._least_delay.bound_s)
+        dated = self._date(arrived_ns)
+        if sent_ns is None or not sender_is_plausible(sent_ns, dated.t_unix_ns):
+            bound_s = self._least_delay.bound_s
+            total_s = None if bound_s is None else bound_s + dated.doubt_s
+            return Picture(dated.t_unix_ns - self._delay_ns, image, "arrival", total_s)
         sent_ns += self._drift.drift_ns(stream_ns, arrived_ns, sent_ns)
         return Picture(sent_ns - self._delay_ns, image, "sender", SENDER_BOUND_S)
 

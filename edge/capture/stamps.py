@@ -22,7 +22,7 @@ PLAUSIBLE_SENDER_S: Final = 3600.0  # s: a sender's clock further off than this 
 
 @dataclass
 class LeastDelay:
-    """Maps stream times to UTC by the least delayed arrival of the last ENVELOPE_S."""
+    """Maps stream times to a clock that never steps, by the least delayed arrival of the last ENVELOPE_S."""
 
     _seen: deque[tuple[int, int]] = field(default_factory=deque)  # (stream ns, arrival minus stream ns), rising
     _first_stream_ns: int | None = None
@@ -33,9 +33,9 @@ class LeastDelay:
         """How far the last time may be off; None while nobody knows."""
         return ARRIVAL_BOUND_S if self._settled else None
 
-    def unix_ns(self, stream_ns: int, arrival_unix_ns: int) -> int:
-        """UTC of a frame at stream_ns that arrived at arrival_unix_ns. Never later than its arrival."""
-        delay = arrival_unix_ns - stream_ns
+    def arrived_ns(self, stream_ns: int, arrival_ns: int) -> int:
+        """When a frame at stream_ns, which arrived at arrival_ns, would have with the least delay. Never later."""
+        delay = arrival_ns - stream_ns
         if self._first_stream_ns is None:
             self._first_stream_ns = stream_ns
         self._settled = stream_ns - self._first_stream_ns >= SETTLED_S * 1e9
@@ -61,11 +61,11 @@ class StreamDrift:
     _last_stream_ns: int = 0
     _drift_ns: float = 0.0
 
-    def drift_ns(self, stream_ns: int, least_delayed_unix_ns: int, sent_unix_ns: int) -> int:
+    def drift_ns(self, stream_ns: int, least_delayed_ns: int, sent_unix_ns: int) -> int:
         """The drift at a frame; 0 until a first stretch of ENVELOPE_S has shown what the least delay is."""
         if self._first_stream_ns is None:
             self._first_stream_ns = stream_ns
-        delay_ns = least_delayed_unix_ns - sent_unix_ns
+        delay_ns = least_delayed_ns - sent_unix_ns
         if self._reference_ns is None and stream_ns - self._first_stream_ns >= ENVELOPE_S * 1e9:
             self._reference_ns = delay_ns
         if self._reference_ns is not None:

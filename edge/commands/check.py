@@ -14,7 +14,8 @@ from typing import Final
 import msgspec
 
 from edge.capture import is_lossless, open_source
-from edge.clock import ClockMonitor, check_clock
+from edge.clock.monitor import ClockMonitor
+from edge.clock.state import check_clock
 from edge.common.errors import ConfigError, SkyfixError
 from edge.common.health import Check, HealthLevel
 from edge.config import BoxConfig, CameraConfig, load_lens
@@ -70,7 +71,7 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
         detector = open_detector(box.detector_of(camera), background=not is_lossless(camera))
         facts = CameraFacts(camera.id, lens, camera.readout_s, box.gate_of(camera), epoch=0)
         pipeline = Pipeline(facts, detector, clock.bound_s)
-        source = open_source(camera, colour=detector.colour, stop=stop, unix_ns=clock.unix_ns)
+        source = open_source(camera, colour=detector.colour, stop=stop, date=clock.date)
     except SkyfixError as error:
         yield failure(f"camera {camera.id}", error)
         return

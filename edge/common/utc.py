@@ -4,6 +4,8 @@ The hazard is the step. A frame is stamped by the driver on the monotonic clock;
 its conversion, the frame is moved by the whole step, and nobody sees it. So the two clocks are compared again and
 again, each comparison bracketed (monotonic, UTC, monotonic: one reading alone has been 190 microseconds off), the
 comparisons are kept, and a frame is converted with those around its own time. A step is counted and never reaches back.
+Between the last comparison before it and the first after it nobody knows which side a frame is on: such a frame may be
+off by the whole step, and says so. To keep them few, whoever dates a frame compares the clocks as well.
 
 CLOCK_MONOTONIC only: it stands still in suspend, CLOCK_BOOTTIME (libcamera's stamps) does not, and the two must never
 be subtracted from each other.
@@ -16,6 +18,7 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 BRACKETS: Final = 20  # tries for one comparison; the narrowest is some 140 ns wide
+FEW_BRACKETS: Final = 3  # where a step is looked for, and 0.1 ms do not matter; a microsecond in all
 HISTORY: Final = 3600  # comparisons kept: an hour of one a second
 SLEW_PPM: Final = 1000  # no daemon slews faster once it runs; what exceeds it is a step
 STEP_FLOOR_NS: Final = 100_000  # 0.1 ms is 2 mm at 20 m/s: not worth calling a step
@@ -45,6 +48,13 @@ def compare(
     return best
 
 
+class Dated(NamedTuple):
+    """A stamp in UTC, and how far it may be off because UTC was stepped about then: 0 but for a frame or two."""
+
+    t_unix_ns: int
+    doubt_s: float
+
+
 class UtcMapping:
     """Converts monotonic stamps to UTC; safe to use from several threads. Call `refresh` once a second."""
 
@@ -55,6 +65,7 @@ class UtcMapping:
         self._unix_ns = unix_ns
         self._lock = threading.Lock()
         self._history: list[Comparison] = [compare(monotonic_ns, unix_ns)]
+        self._newest = self._history[-1]
         self._stepped: set[int] = set()
         self._steps = 0
 
@@ -67,8 +78,16 @@ class UtcMapping:
         """Compare the clocks once more, and notice a step."""
         new = compare(self._monotonic_ns, self._unix_ns)
         with self._lock:
+            self._notice(new)
             self._append(new)
         return new
+
+    def date(self, monotonic_ns: int) -> Dated:
+        """UTC of a stamp of just now, after a look whether UTC was stepped since."""
+        new = compare(self._monotonic_ns, self._unix_ns, tries=FEW_BRACKETS)
+        with self._lock:
+            self._notice(new)
+            return Dated(monotonic_ns + self._offset_ns(monotonic_ns), self._doubt_ns(monotonic_ns) * 1e-9)
 
     def unix_ns(self, monotonic_ns: int) -> int:
         """UTC of a monotonic stamp, by the comparisons around it."""
@@ -77,11 +96,20 @@ class UtcMapping:
 
     def now_unix_ns(self) -> int:
         """UTC now, and a refresh if it was stepped since the last one."""
-        now = compare(self._monotonic_ns, self._unix_ns, tries=3)
+        now = compare(self._monotonic_ns, self._unix_ns, tries=FEW_BRACKETS)
         with self._lock:
-            if self._is_step(self._history[-1], now):
-                self._append(now)
+            self._notice(now)
         return now.monotonic_ns + now.offset_ns
+
+    def _notice(self, new: Comparison) -> None:
+        """Keep a comparison only if UTC was stepped before it, with the last one before the step."""
+        last = self._newest
+        if new.monotonic_ns <= last.monotonic_ns:
+            return
+        if self._is_step(last, new):
+            self._append(last)
+            self._append(new)
+        self._newest = new
 
     def _append(self, new: Comparison) -> None:
         last = self._history[-1]
@@ -99,8 +127,17 @@ class UtcMapping:
         slewed_ns = SLEW_PPM * 1e-6 * (new.monotonic_ns - last.monotonic_ns)
         return abs(new.offset_ns - last.offset_ns) > slewed_ns + STEP_FLOOR_NS + (new.width_ns + last.width_ns) // 2
 
+    def _after(self, monotonic_ns: int) -> int:
+        return bisect_right(self._history, monotonic_ns, key=lambda comparison: comparison.monotonic_ns)
+
+    def _doubt_ns(self, monotonic_ns: int) -> int:
+        after = self._after(monotonic_ns)
+        if not 0 < after < len(self._history) or self._history[after].monotonic_ns not in self._stepped:
+            return 0
+        return abs(self._history[after].offset_ns - self._history[after - 1].offset_ns)
+
     def _offset_ns(self, monotonic_ns: int) -> int:
-        after = bisect_right(self._history, monotonic_ns, key=lambda comparison: comparison.monotonic_ns)
+        after = self._after(monotonic_ns)
         if after == 0:
             return self._history[0].offset_ns
         before = self._history[after - 1]

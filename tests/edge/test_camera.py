@@ -13,6 +13,7 @@ from edge.config import load_box
 from edge.messages import Tracks
 from edge.pictures.view import MOVING_LOOKS, Shift, ViewWatch
 from tests.conftest import Until
+from tests.edge.capture.sources import undoubted
 from tests.edge.detector.onnx_models import constant_model
 from tests.edge.footage import flight, sky, write_video
 
@@ -46,7 +47,7 @@ def worker_of(
     file.write_text(CONFIG.format(video=video, source=source, camera=camera, model=model))
     box, published = load_box(file), []
     worker = CameraWorker(
-        box, box.camera[0], file, epoch=1, clock_bound_s=lambda: 0.001, unix_ns=int, publish=published.append
+        box, box.camera[0], file, epoch=1, clock_bound_s=lambda: 0.001, date=undoubted, publish=published.append
     )
     return worker, published
 

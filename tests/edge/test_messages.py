@@ -15,8 +15,11 @@ from edge.messages import (
     MESSAGES,
     Backlog,
     Fix,
+    Health,
     Inventory,
     Lens,
+    NetworkMessage,
+    Targets,
     Tracks,
     camera_key,
     camera_of_key,
@@ -121,7 +124,7 @@ def floats(tree: object) -> list[float]:
         ({"size_px": [0, 720]}, "an image has pixels"),
         ({"detections": [DETECTION] * (MAX_DETECTIONS + 1)}, "more than any frame holds"),
         ({"detections": [DETECTION | {"u_px": 1e300}]}, "nowhere near the image"),
-        ({"detections": [DETECTION | {"status": "guessed"}]}, "no such status"),
+        ({"detections": [DETECTION | {"status": 1}]}, "no word at all"),
         ({"detections": [DETECTION | {"sigma_px": 0.0}]}, "nothing is known exactly"),
     ],
 )
@@ -160,3 +163,80 @@ def test_a_fix_beyond_the_pole_is_refused() -> None:
     fix = {"t_unix_ns": 1_700_000_000_000_000_000, "lat_deg": 91.0, "lon_deg": 0.0, "height_m": 0.0, "quality": 4}
     with pytest.raises(MessageError, match="Fix"):
         decode(json.dumps(fix | {"sigma_m": [1, 1, 1], "frame": "ITRF", "samples": 1}).encode(), Fix, where="receiver")
+
+
+HEALTH: dict[str, Any] = {
+    "t_unix_ns": 2 * 10**18,
+    "epoch": 1,
+    "level": "ok",
+    "items": [{"name": "clock", "level": "ok", "since_unix_ns": 2 * 10**18, "reason": "well"}],
+    "counters": {},
+}
+TARGETS: dict[str, Any] = {
+    "t_unix_ns": 2 * 10**18,
+    "targets": [
+        {
+            "track": 1,
+            "state": "confirmed",
+            "ecef_m": [0.0, 0.0, 0.0],
+            "velocity_m_s": [0.0, 0.0, 0.0],
+            "covariance": [0.0] * 21,
+            "cameras": [],
+            "age_s": 0.0,
+        }
+    ],
+}
+NETWORK: dict[str, Any] = {"t_unix_ns": 2 * 10**18, "state": "calibrated", "reason": "", "action": ""}
+NEWER = st.text(min_size=1, max_size=20).filter(
+    lambda word: (
+        word
+        not in {*["ok", "warn", "fail", "confirmed", "interpolated", "tentative", "coasting", "lost"], "calibrated"}
+    )
+)
+
+
+@given(NEWER)
+def test_a_word_of_a_later_version_is_read_as_the_most_cautious_that_is_known(word: str) -> None:
+    """A new status, level or state does not make the message wrong, and never counts for more than it may."""
+    mixed = TRACKS | {"detections": [DETECTION | {"status": word}, DETECTION]}
+    tracks = decode(json.dumps(mixed).encode(), Tracks, where="x")
+    assert [detection.status for detection in tracks.detections] == ["interpolated", "confirmed"]
+    items = [HEALTH["items"][0] | {"level": word}, HEALTH["items"][0]]
+    health = decode(json.dumps(HEALTH | {"level": word, "items": items}).encode(), Health, where="x")
+    assert (health.level, [item.level for item in health.items]) == ("warn", ["warn", "ok"])
+    targets = decode(
+        json.dumps(TARGETS | {"targets": [TARGETS["targets"][0] | {"state": word}]}).encode(), Targets, where="x"
+    )
+    assert targets.targets[0].state == "tentative"
+    network = decode(json.dumps(NETWORK | {"state": word}).encode(), NetworkMessage, where="x")
+    assert network.state in ("collecting", "suspect")
+
+
+@pytest.mark.parametrize("wrong", [3, None, ["ok"], {"a": 1}, True])
+def test_what_is_no_word_at_all_stays_wrong(wrong: object) -> None:
+    with pytest.raises(MessageError):
+        decode(json.dumps(HEALTH | {"level": wrong}).encode(), Health, where="x")
+
+
+def test_a_later_word_excuses_nothing_else() -> None:
+    for bad in ({"u_px": 1e9}, {"track": -1}, {"score": "high"}):
+        rows = [DETECTION | {"status": "predicted"} | bad]
+        with pytest.raises(MessageError):
+            decode(json.dumps(TRACKS | {"detections": rows}).encode(), Tracks, where="x")
+    # A point that is not known cannot be used: whose position it is is no matter of degree.
+    fix = {"t_unix_ns": 2 * 10**18, "lat_deg": 0, "lon_deg": 0, "height_m": 0, "quality": 4}
+    fix |= {"sigma_m": [1, 1, 1], "frame": "x", "samples": 1, "of": "mark"}
+    with pytest.raises(MessageError):
+        decode(json.dumps(fix).encode(), Fix, where="x")
+
+
+@pytest.mark.parametrize("t_unix_ns", [0, 10**17, 10**18, 2 * 10**18])
+def test_a_box_whose_clock_was_never_set_is_heard_to_say_so(t_unix_ns: int) -> None:
+    items = [HEALTH["items"][0] | {"since_unix_ns": t_unix_ns, "level": "fail"}]
+    health = decode(json.dumps(HEALTH | {"t_unix_ns": t_unix_ns, "items": items}).encode(), Health, where="x")
+    assert health.items[0].since_unix_ns == t_unix_ns
+
+
+def test_health_says_its_version_and_an_older_one_none() -> None:
+    assert decode(json.dumps(HEALTH).encode(), Health, where="x").version == ""
+    assert decode(json.dumps(HEALTH | {"version": "0.3.0"}).encode(), Health, where="x").version == "0.3.0"

@@ -29,7 +29,6 @@ def test_a_camera_that_hardly_saw_it_is_left_out_by_name() -> None:
     assert_right(found)
 
 
-@pytest.mark.xfail(strict=True, reason="a clock is found at which unrelated passes fit each other")
 def test_cameras_that_take_turns_are_refused_with_what_to_do() -> None:
     turns = seeing(cam1=(0.0, 20.0), cam2=(20.1, 40.0), cam3=(40.1, 60.0))
     with pytest.raises(CalibrationError, match=r"two cameras.*fly where at least two cameras see it"):

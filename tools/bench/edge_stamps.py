@@ -10,6 +10,7 @@ import sys
 import numpy as np
 
 from edge.capture.live import RtspStream, open_rtsp
+from edge.common.utc import UtcMapping
 from tools.doubles.rtsp_camera import RtspCamera
 
 BITS = 16
@@ -41,7 +42,7 @@ def measure(seconds: float, *, reports: bool, drift_ppm: float) -> str:
         drift_ppm=drift_ppm,
         delay_s=lambda k: float(jitter[k % len(jitter)]),
     ) as camera:
-        stream = RtspStream(open_rtsp(camera.url, 2.0), camera.url, colour=False)
+        stream = RtspStream(open_rtsp(camera.url, 2.0), camera.url, colour=False, date=UtcMapping().date)
         errors, dishonest, frame = [], 0, None
         for _ in range(round(seconds * FPS)):
             frame = stream.read()

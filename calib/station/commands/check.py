@@ -20,7 +20,9 @@ from calib.station.commands.arguments import add_config, folder_of
 from calib.station.config import MIN_CAMERAS, BaseConfig, load
 from calib.station.core.stored_state import StoredState
 from calib.station.outputs.registry import OutputHost, open_output, wanted
+from calib.station.own_clock import check_own_clock
 from calib.station.survey.in_force import survey_file, twice_given, with_survey
+from edge.clock.monitor import read_clock
 from edge.common.errors import ConfigError
 from edge.link.ports import place, why_not_free
 from edge.link.security import Bearer, check_security
@@ -66,6 +68,8 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
     yield from _outputs(config, folder)
     security = check_security(config.link, dt.datetime.now(dt.UTC), Bearer(config.site.name, "station"))
     yield Line(VERDICTS[security.level], security.name, security.reason, security.action)
+    clock = check_own_clock(read_clock(config.clock), config.clock)
+    yield Line(VERDICTS[clock.level], clock.name, clock.reason, clock.action)
     for endpoint in config.link.listen:
         yield _listen(endpoint)
     if config.status.port is not None:

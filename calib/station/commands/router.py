@@ -68,7 +68,7 @@ def route(config: RouterConfig) -> None:
         while not stop.wait(TURN_S):
             turns += 1
             found = link_health.checks(who="the router above")
-            link.publish(key, board.update(time.time_ns(), found, link_health.counters()))
+            link.publish(key, board.update(time.time_ns(), found, link_health.counters(), now_ns=time.monotonic_ns()))
             echo.drain()
             notifier.feed({"session": echo.received}, time.monotonic(), link.error or "routing")
         notifier.stopping()

@@ -349,7 +349,7 @@ class Station:
         if self.tracker is not None:
             counters |= {f"tracker_{name}": count for name, count in self.tracker.counters.items()}
         counters["refused_targets"] = self._export.refused
-        self.health = self._board.update(now_unix_ns, checks + self.extra_checks, counters)
+        self.health = self._board.update(now_unix_ns, checks + self.extra_checks, counters, now_ns=now_ns)
         return self.health
 
     def _news(self) -> list[tuple[HealthLevel, str]]:

@@ -115,7 +115,8 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
     items = {} if health is None else {item.name: item.reason for item in health.items}
     facts = {
         "last frame": "never" if camera.last_frame_s is None else f"{camera.last_frame_s:.1f} s ago",
-        "clock": "unknown" if camera.clock_bound_s is None else f"within {1e3 * camera.clock_bound_s:.2g} ms",
+        "clock": items.get("clock") or _bound(camera.clock_bound_s),
+        "version": "unknown" if health is None or not health.version else health.version,
         "objects a frame": f"{camera.detections_per_frame:.1f}",
         "frames lost": f"{camera.missed}",
         "focus (higher is sharper)": items.get("focus", "unknown"),
@@ -132,6 +133,10 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
         f'<h3>{escape(camera.id)} <span class="light {level}">{state}</span></h3>'
         f"<p>{escape(reason)}</p>{own}<dl>{lines}</dl></div>"
     )
+
+
+def _bound(bound_s: float | None) -> str:
+    return "unknown" if bound_s is None else f"within {1e3 * bound_s:.2g} ms"
 
 
 def _counter(counters: dict[str, float], name: str, form: str) -> str:

@@ -5,10 +5,16 @@ from typing import Any
 import numpy as np
 
 from edge.capture.frame import Picture
+from edge.common.utc import Dated
 
 T0 = 1_700_000_000 * 10**9
 MS = 10**6
 SIZE = (160, 120)
+
+
+def undoubted(monotonic_ns: int) -> Dated:
+    """A stamp that is UTC already."""
+    return Dated(monotonic_ns, 0.0)
 
 
 def frames_of(source: Any) -> list[Picture]:

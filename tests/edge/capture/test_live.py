@@ -8,20 +8,22 @@ import pytest
 
 from edge.capture.frame import Picture, middle_of_exposure
 from edge.capture.live import RtspStream, V4l2Camera
-from edge.capture.stamps import ARRIVAL_BOUND_S
+from edge.capture.stamps import ARRIVAL_BOUND_S, SENSOR_BOUND_S
 from edge.common.errors import SourceError
-from tests.edge.capture.sources import MS, T0, FakeCapture
+from edge.common.utc import Dated, UtcMapping
+from tests.edge.capture.sources import MS, T0, FakeCapture, undoubted
 
 
 class TestV4l2:
     OFFSET = T0 - 5000 * 10**9  # UTC minus monotonic
+    doubt_s = 0.0
 
     def read(self, stamp_ms: float, arrival_ns: int, **options: Any) -> Picture:
         source = V4l2Camera(
             FakeCapture([{cv2.CAP_PROP_POS_MSEC: stamp_ms}]),
             "/dev/video0",
             colour=False,
-            unix_ns=lambda monotonic_ns: monotonic_ns + self.OFFSET,
+            date=lambda monotonic_ns: Dated(monotonic_ns + self.OFFSET, self.doubt_s),
             monotonic_ns=lambda: arrival_ns,
             **options,
         )
@@ -45,8 +47,12 @@ class TestV4l2:
         frame = self.read(stamp_ms, 5000_160 * MS)
         assert (frame.t_unix_ns, frame.time_source, frame.bound_s) == (T0 + 160 * MS, "arrival", ARRIVAL_BOUND_S)
 
+    def test_a_frame_about_a_step_says_that_it_may_be_off_by_all_of_it(self) -> None:
+        self.doubt_s = 0.5
+        assert self.read(5000_123.456, 5000_160 * MS).bound_s == pytest.approx(0.5 + SENSOR_BOUND_S)
+
     def test_dead_camera_says_so(self) -> None:
-        source = V4l2Camera(FakeCapture([]), "/dev/video7", colour=False, unix_ns=int)
+        source = V4l2Camera(FakeCapture([]), "/dev/video7", colour=False, date=undoubted)
         with pytest.raises(SourceError, match=r"/dev/video7.*no more frames"):
             source.read()
 
@@ -64,7 +70,9 @@ class TestRtsp:
             for k in range(len(delays_ms))
         ]
         arrivals = iter([T0 + round((k * 40 + delay) * MS) for k, delay in enumerate(delays_ms)])
-        source = RtspStream(FakeCapture(props), "rtsp://box", colour=False, now_unix_ns=lambda: next(arrivals))
+        source = RtspStream(
+            FakeCapture(props), "rtsp://box", colour=False, date=undoubted, monotonic_ns=lambda: next(arrivals)
+        )
         return [source.read() for _ in delays_ms]
 
     def test_sender_time_is_used_where_there_is_one(self) -> None:
@@ -77,3 +85,30 @@ class TestRtsp:
         frames = self.frames(opened_us, [50, 30, 120, 90, 30, 31])
         assert {frame.time_source for frame in frames} == {"arrival"}
         assert [frame.t_unix_ns - T0 for frame in frames[1:]] == [round((k * 40 + 30) * MS) for k in range(1, 6)]
+
+    def test_a_step_of_utc_does_not_stay_among_the_arrivals(self) -> None:
+        """The least delay of 30 s is by the monotonic clock: a step shows in the next frame, and in no later one."""
+        clock = StepClock()
+        mapping = UtcMapping(lambda: clock.monotonic_ns, lambda: clock.monotonic_ns + clock.offset_ns)
+        props = [{cv2.CAP_PROP_POS_MSEC: k * 40.0, cv2.CAP_PROP_FPS: 25.0} for k in range(100)]
+
+        def arrival_ns() -> int:
+            clock.monotonic_ns += 40 * MS
+            clock.offset_ns += 500 * MS if clock.monotonic_ns == StepClock.STEP_AT_NS else 0
+            return clock.monotonic_ns
+
+        source = RtspStream(FakeCapture(props), "rtsp://box", colour=False, date=mapping.date, monotonic_ns=arrival_ns)
+        frames = [source.read() for _ in props]
+        gaps_ms = np.diff([frame.t_unix_ns for frame in frames]) / MS
+        assert np.count_nonzero(gaps_ms != 40.0) == 1
+        assert gaps_ms.sum() == pytest.approx(99 * 40 + 500)
+        assert {frame.bound_s for frame in frames} <= {None, ARRIVAL_BOUND_S}  # it is known to the instant
+
+
+class StepClock:
+    """Two clocks that are moved by hand."""
+
+    STEP_AT_NS = 10**12 + 70 * 40 * MS
+
+    def __init__(self) -> None:
+        self.monotonic_ns, self.offset_ns = 10**12, T0

@@ -9,7 +9,7 @@ import pytest
 from edge.capture import kind_of, open_source
 from edge.common.errors import ConfigError
 from edge.config import CameraConfig, LensConfig, SourceConfig
-from tests.edge.capture.sources import SIZE
+from tests.edge.capture.sources import SIZE, undoubted
 
 LENS = LensConfig(model="radtan", intrinsics=(100.0, 100.0, 80.0, 60.0), distortion=(0.0, 0.0, 0.0, 0.0), size_px=SIZE)
 
@@ -26,5 +26,5 @@ def test_kinds_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_undated_recording_has_no_bound(video: Path) -> None:
-    source = open_source(camera(str(video)), colour=False, stop=threading.Event(), unix_ns=int)
+    source = open_source(camera(str(video)), colour=False, stop=threading.Event(), date=undoubted)
     assert source.read().bound_s is None

@@ -9,6 +9,7 @@ from edge.capture.frame import Picture
 from edge.capture.live import RtspStream, open_rtsp
 from edge.capture.reader import Reader
 from edge.common.errors import SourceError
+from edge.common.utc import UtcMapping
 from tools.doubles.rtsp_camera import RtspCamera
 
 
@@ -26,7 +27,7 @@ def number(image: np.ndarray) -> int:
 
 def watch(camera: RtspCamera, count: int) -> tuple[list[float], Picture]:
     """Errors in ms of the stamps of count frames against the sender's clock."""
-    stream = RtspStream(open_rtsp(camera.url, 2.0), camera.url, colour=False)
+    stream = RtspStream(open_rtsp(camera.url, 2.0), camera.url, colour=False, date=UtcMapping().date)
     errors = []
     for _ in range(count):
         frame = stream.read()
@@ -46,7 +47,7 @@ def test_sender_time_survives_a_jittery_network(shift_s: float) -> None:
 def test_without_reports_arrival_is_used_and_said() -> None:
     # What was buffered while the stream was opened comes late, and nobody knows how late: no bound is claimed for it.
     with RtspCamera(numbered, 25, reports=False) as camera:
-        stream = RtspStream(open_rtsp(camera.url, 2.0), camera.url, colour=False)
+        stream = RtspStream(open_rtsp(camera.url, 2.0), camera.url, colour=False, date=UtcMapping().date)
         frames = [stream.read() for _ in range(75)]
         stream.close()
     assert {frame.time_source for frame in frames} == {"arrival"}
@@ -58,7 +59,7 @@ def test_without_reports_arrival_is_used_and_said() -> None:
 
 def test_silence_is_noticed_within_its_limit() -> None:
     with RtspCamera(numbered, 25, silent_after=10) as camera:
-        stream = RtspStream(open_rtsp(camera.url, 1.0), camera.url, colour=False)
+        stream = RtspStream(open_rtsp(camera.url, 1.0), camera.url, colour=False, date=UtcMapping().date)
         for _ in range(10):
             stream.read()
         last = time.monotonic()
@@ -71,7 +72,7 @@ def test_silent_stream_is_opened_again() -> None:
     with RtspCamera(numbered, 25, silent_after=5) as camera:
         reader = Reader(
             "cam1",
-            lambda: RtspStream(open_rtsp(camera.url, 0.5), camera.url, colour=False),
+            lambda: RtspStream(open_rtsp(camera.url, 0.5), camera.url, colour=False, date=UtcMapping().date),
             live=True,
             lossless=False,
         )

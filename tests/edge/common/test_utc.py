@@ -2,6 +2,8 @@
 
 import time
 
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -64,6 +66,49 @@ def test_a_step_is_counted_and_does_not_reach_back() -> None:
     assert abs(mapping.unix_ns(before + 500 * MS) - (before + 500 * MS + OFFSET_NS)) <= 200
     after = clocks.monotonic + MS
     assert abs(mapping.unix_ns(after) - (after + OFFSET_NS + 250 * MS)) <= 200
+
+
+@pytest.mark.parametrize("step_ms", [500, -500, -1000, 1000, 250, -50 * 86_400_000, 300_000_000_000, -12])
+def test_a_step_marks_the_frames_about_it_and_no_other(step_ms: int) -> None:
+    """0.5 s, a leap second, fifty days, the first word of UTC since 1970: a camera at 30 Hz, dated as it comes."""
+    clocks = Clocks()
+    mapping = clocks.mapping()
+    wrong, marked = [], []
+    for k in range(90):
+        clocks.monotonic += 33 * MS
+        if k == 45:
+            clocks.offset += step_ms * MS
+        if k % 30 == 0:
+            mapping.refresh()
+        exposed = clocks.monotonic - 10 * MS  # a frame of before the step, dated after it
+        truth = OFFSET_NS + (step_ms * MS if k > 45 else 0)
+        dated = mapping.date(exposed)
+        error_s = abs(dated.t_unix_ns - exposed - truth) * 1e-9
+        assert error_s <= dated.doubt_s + 1e-6
+        wrong += [k] if error_s > 1e-6 else []
+        marked += [k] if dated.doubt_s > 0 else []
+    assert set(wrong) <= set(marked)
+    assert marked == [45]
+    assert mapping.steps == 1
+
+
+@given(st.lists(st.integers(-5_000, 5_000).filter(lambda ms: abs(ms) > 2), max_size=5), st.integers(0, 2**32))
+def test_no_frame_is_farther_off_than_it_says(steps_ms: list[int], seed: int) -> None:
+    clocks, random = Clocks(), np.random.default_rng(seed)
+    mapping = clocks.mapping()
+    at = dict(zip(random.choice(np.arange(5, 200), len(steps_ms), replace=False), steps_ms, strict=True))
+    truth = {0: clocks.offset}
+    for k in range(200):
+        clocks.monotonic += round(float(random.uniform(1, 60)) * MS)
+        if k in at:
+            clocks.offset += at[k] * MS
+            truth[clocks.monotonic] = clocks.offset
+        if random.random() < 0.05:
+            mapping.refresh()
+        exposed = clocks.monotonic - round(float(random.uniform(0, 50)) * MS)
+        offset = truth[max(since for since in truth if since <= exposed)]
+        dated = mapping.date(exposed)
+        assert abs(dated.t_unix_ns - exposed - offset) * 1e-9 <= dated.doubt_s + 1e-6
 
 
 def test_asking_for_now_notices_a_step_at_once() -> None:

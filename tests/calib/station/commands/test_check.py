@@ -24,6 +24,8 @@ def test_a_configuration_that_is_well_passes(tmp_path: Path, endpoint: str, caps
     assert found[name] == Line("PASS", name, "gcs+ecef")
     assert found["stored calibration"].reason.startswith("3 cameras")
     assert {name for name, line in found.items() if line.verdict == "FAIL"} == set()
+    assert found["clock"].verdict in ("PASS", "WARN")
+    assert found["clock"].reason
     assert found["survey"].verdict == "WARN"  # nothing is surveyed: the boxes must send fixes
     printed = capsys.readouterr().out
     assert '"first_solve_s": 3.0' in printed

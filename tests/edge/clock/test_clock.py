@@ -13,22 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.clock import (
-    STA_NANO,
-    STA_UNSYNC,
-    TIME_ERROR,
-    ClockMonitor,
-    ClockState,
-    Timex,
-    check_clock,
-    of_chrony,
-    of_kernel,
-    of_ptp,
-    read_chrony,
-    read_clock,
-    read_kernel,
-)
-from edge.config import ClockConfig
+from edge.clock.chrony import of_chrony, read_chrony
+from edge.clock.kernel import STA_NANO, STA_UNSYNC, TIME_ERROR, Timex, of_kernel, read_kernel
+from edge.clock.monitor import ClockMonitor, read_clock
+from edge.clock.ptp import of_ptp
+from edge.clock.settings import ClockConfig
+from edge.clock.state import ClockState, check_clock
 from tests.conftest import Until
 from tests.edge import shm_clock
 

@@ -1,0 +1,155 @@
+"""Each camera's clock against the site's: as its stamps say, or as the tracks say, and how that was found out.
+
+The hazard is the last step's excuse. A camera an hour off, or one that counted 29.83 frames as thirty, fits no pose,
+and would be told to look at its lens; and one whose clock nobody can know from this flight must not be given the first
+one that fits. So a stated bound is believed until the tracks contradict it beyond doubt, a clock is told only where
+`clock_consensus` is certain, and who has none is left out with what its clock was tested for.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import combinations
+from typing import Final
+
+from calib.adjustment.priors import ALIGNED_TO_S, trusted_clocks
+from calib.observations import SiteCamera
+from calib.solving.clock_consensus import CLEAR_SCORE, Clock, Pairs, Tied, consensus
+from calib.solving.clocks import CONTRAST, CONVINCING, NEAR_S, Alignment, Candidate, align
+from calib.solving.series import TrackSeries
+
+CONFIRMED_BY: Final = 2  # cameras that tie another one firmly before the pairs left are spared
+LONG_ENOUGH_S: Final = 40.0  # an ordinary flight's clocks can be told from so much in common
+STATED_SCORE: Final = 1.0  # of stamps that are vouched for and that the tracks say nothing about
+
+
+class Origin(StrEnum):
+    """Where a clock is from."""
+
+    STATED = "stated"  # the box vouches for its stamps, and the tracks do not contradict it
+    FOUND = "found"  # from the tracks
+    ASSUMED = "assumed"  # the tracks fit at any clock: the stamps as they are
+    UNKNOWN = "unknown"  # the tracks fit at no clock, or at several
+
+
+@dataclass(frozen=True)
+class CameraClock:
+    """A camera's clock, from where, the cameras whose tracks say so, and what an unknown one was tested for."""
+
+    clock: Clock
+    origin: Origin
+    agreeing: tuple[str, ...] = ()
+    tested: str = ""
+
+
+def site_clocks(
+    tracks: dict[str, list[TrackSeries]], sites: dict[str, SiteCamera], near_s: float = NEAR_S
+) -> dict[str, CameraClock]:
+    """The clocks of all cameras that have tracks; those of unknown origin are not to be used."""
+    trusted = trusted_clocks(sites)
+    pairs, tied = _compared(tracks, trusted, near_s)
+    tied = _against_reference(tied, sites, trusted)
+    return {name: _told(sites[name], tied.get(name), tracks, pairs) for name in sorted(tracks)}
+
+
+def _compared(
+    tracks: dict[str, list[TrackSeries]], trusted: frozenset[str], near_s: float
+) -> tuple[Pairs, dict[str, Tied]]:
+    """Pairs with most to say first, until every camera is firmly tied."""
+    length = {name: sum(track.duration_s for track in own) for name, own in tracks.items()}
+    ranked = sorted(combinations(sorted(tracks), 2), key=lambda pair: -min(length[name] for name in pair))
+    pairs: Pairs = {}
+    firm = dict.fromkeys(tracks, 0)
+    least = min(CONFIRMED_BY, len(tracks) - 1)
+    for one, two in ranked:
+        found = align(tracks[one], tracks[two], near_s)
+        if one in trusted and two in trusted:
+            found = _vouched(found)
+        pairs[one, two] = found
+        for name in (one, two):
+            firm[name] += found.convincing
+        if min(firm.values()) >= least:
+            tied = consensus(pairs, near_s)
+            if len(tied) == len(tracks) and all(one.certain for one in tied.values()):
+                return pairs, tied
+    return pairs, consensus(pairs, near_s)
+
+
+def _vouched(found: Alignment) -> Alignment:
+    """The stamps of two boxes that know their time, unless the tracks are sure of another."""
+    score = max(found.as_stamped or 0.0, STATED_SCORE)
+    best = found.candidates[0] if found.candidates else None
+    elsewhere = best is not None and abs(best.shift_s) > ALIGNED_TO_S
+    if best and elsewhere and found.convincing and best.score > CONTRAST * score:
+        return found
+    stated = Candidate(0.0, 0.0, 0.0, score, 0.0, 0.0, 0.0)
+    return Alignment((stated,), found.as_stamped, found.convincing and not elsewhere)
+
+
+def _against_reference(tied: dict[str, Tied], sites: dict[str, SiteCamera], trusted: frozenset[str]) -> dict[str, Tied]:
+    """The same clocks against the site's: that of most boxes that know theirs, else of the median pace."""
+    knowing = [name for name in sorted(tied) if name in trusted]
+    known = [name for name in sorted(tied) if tied[name].certain] or sorted(tied)
+    if knowing:
+
+        def rank(name: str) -> tuple[int, float]:
+            own = tied[name].clock
+            with_it = sum(abs(tied[other].clock.seen_from(own).offset_s) <= ALIGNED_TO_S for other in knowing)
+            return (-with_it, sites[name].clock_bound_s or 0.0)
+
+        reference = min(knowing, key=rank)
+    elif known:
+        reference = sorted(known, key=lambda name: (tied[name].clock.rate, name))[(len(known) - 1) // 2]
+    else:
+        return tied
+    zero = tied[reference].clock
+    return {
+        name: Tied(own.clock.seen_from(zero), own.agreeing, own.score, own.elsewhere, own.certain)
+        for name, own in tied.items()
+    }
+
+
+def _told(site: SiteCamera, tied: Tied | None, tracks: dict[str, list[TrackSeries]], pairs: Pairs) -> CameraClock:
+    certain = tied is not None and tied.certain
+    if site.clock_bound_s is not None and site.clock_bound_s <= ALIGNED_TO_S and not (certain and _off(tied, site)):
+        return CameraClock(Clock(), Origin.STATED, tied.agreeing if tied else ())
+    if tied is not None and certain:
+        return CameraClock(tied.clock, Origin.FOUND, tied.agreeing)
+    own = [alignment for pair, alignment in pairs.items() if site.id in pair]
+    if own and all(_says_nothing(alignment) for alignment in own):
+        return CameraClock(Clock(), Origin.ASSUMED)
+    return CameraClock(Clock(), Origin.UNKNOWN, (), _tested(site.id, tracks, pairs))
+
+
+def _off(tied: Tied | None, site: SiteCamera) -> bool:
+    """Whether the tracks say another time than the stamps that a box vouches for."""
+    bound_s = max(3 * (site.clock_bound_s or 0.0), ALIGNED_TO_S)
+    return tied is not None and abs(tied.clock.offset_s) > bound_s
+
+
+def _says_nothing(alignment: Alignment) -> bool:
+    """Whether a pair's tracks fit at the stamps as they are, and nowhere better."""
+    best = max((candidate.score for candidate in alignment.candidates), default=0.0)
+    return alignment.as_stamped is not None and alignment.as_stamped > -CLEAR_SCORE and best < CLEAR_SCORE
+
+
+def _tested(name: str, tracks: dict[str, list[TrackSeries]], pairs: Pairs) -> str:
+    """What the clock of a camera that has none was tested for."""
+    own = [alignment for pair, alignment in pairs.items() if name in pair]
+    found = [candidate for alignment in own for candidate in alignment.candidates]
+    if not found and all(alignment.as_stamped is None for alignment in own):
+        return "its clock cannot be told: at no offset does it see the object together with another camera for 15 s"
+    if any(candidate.score > CONVINCING for candidate in found):
+        return (
+            "its clock cannot be told: its track fits the others' at several offsets, because the flight repeats "
+            "itself; keep its clock in time and state its bound, or fly turns that do not repeat"
+        )
+    seen_s = {other: sum(track.duration_s for track in own_tracks) for other, own_tracks in tracks.items()}
+    if min(seen_s[name], max(seen_s[other] for other in seen_s if other != name)) < LONG_ENOUGH_S:
+        return (
+            "its clock cannot be told: it sees the object too shortly together with another camera; keep its clock "
+            f"in time and state its bound, or fly {LONG_ENOUGH_S:.0f} s and more where others see it too"
+        )
+    return (
+        "its track fits the others' at no offset and no rate of its clock: it filmed something else, lost frames "
+        "without telling, or its file is another camera's"
+    )
