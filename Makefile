@@ -8,7 +8,7 @@ KERNELS := Haswell $(shell grep -qs avx512f /proc/cpuinfo && echo SkylakeX || ec
 MATHEMATICS := $(addprefix tests/calib/, geometry adjustment solving tracking guarding) tests/synthetic
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 
-.PHONY: setup demo test test-rooms test-field test-kernels fuzz check lock bundle clean
+.PHONY: setup demo test test-rooms test-field test-machine rehearse test-kernels fuzz check lock bundle clean
 
 setup: .venv/installed
 
@@ -28,13 +28,21 @@ demo: setup
 
 # The field tests mostly wait (for links to come back, for watchdogs): beside the others they cost hardly any time.
 test: check
-	$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-rooms test-field
+	$(MAKE) --no-print-directory --jobs=3 --output-sync=target test-rooms test-field test-machine
 
 test-rooms: setup
-	$(BIN)/python -m pytest --ignore=tests/field
+	$(BIN)/python -m pytest --ignore=tests/field --ignore=tests/machine
 
 test-field: setup
 	$(BIN)/python -m pytest tests/field
+
+# What is installed, in a booted machine without a network: as root, with systemd-container and mmdebstrap; else skipped.
+test-machine: setup
+	$(BIN)/python -m pytest -rs tests/machine
+
+# The same life, told as it goes: a finding a line.
+rehearse: setup
+	$(BIN)/python -m tools.rehearsal
 
 # The mathematics once on each of two kernels, side by side.
 test-kernels: setup

@@ -11,6 +11,7 @@ checksum of each file. The same tree gives the same bytes.
 
 import argparse
 import hashlib
+import platform
 import re
 import shutil
 import subprocess
@@ -76,6 +77,11 @@ def refuse_strangers(folder: Path, lock: str) -> None:
             raise SystemExit(
                 f"{wheel.name}: its hash is not in requirements.lock; run `make lock` and look at the change"
             )
+
+
+def this_machine() -> str:
+    """The kind of this computer, as a bundle names it."""
+    return {"arm64": "aarch64"}.get(platform.machine(), platform.machine())
 
 
 def _pip(*arguments: str) -> None:

@@ -36,7 +36,7 @@ def main() -> int:
 def _act(wanted: argparse.Namespace, places: Places, versions: Versions) -> None:
     versions.clear_remains()
     if wanted.act == "rollback":
-        changeover.roll_back(changeover.Machine(versions, places))
+        changeover.roll_back(changeover.Machine(versions, places, wanted.watch))
     elif wanted.act == "uninstall":
         machine.uninstall(places, purge=wanted.purge)
     elif wanted.offline is not None and wanted.offline.is_file():
@@ -59,14 +59,16 @@ def install(wanted: argparse.Namespace, places: Places, versions: Versions, tree
     wakes = services.booted() and not wanted.no_start and not asleep
 
     def prepare() -> None:
-        configuration.lay_configuration(places.config, target, role, vars(wanted))
+        configuration.lay_configuration(places.config, places.prefix / "current/deploy", role, vars(wanted))
         site_time.lay_time(places, versions, role.name, wanted.time, wanted.base)
         if wakes:
             services.control("--quiet", "enable", f"{role.unit}.service", "skyfix-access.path")
             services.control("restart", "skyfix-access.path")
 
     try:
-        faults = changeover.change(changeover.Machine(versions, places), target, [role.unit] if wakes else [], prepare)
+        faults = changeover.change(
+            changeover.Machine(versions, places, wanted.watch), target, [role.unit] if wakes else [], prepare
+        )
     finally:
         if gone := versions.prune():
             say(f"removed {', '.join(gone)}")

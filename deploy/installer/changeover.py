@@ -23,6 +23,7 @@ class Machine:
 
     versions: Versions
     places: Places
+    watched_s: float = WATCHED_S
 
     def enter(self, version: Path, instead_of: Path | None) -> None:
         """Make it the current one, with its units."""
@@ -46,7 +47,7 @@ def change(here: Machine, target: Path, wanted: list[str], prepare: Callable[[],
     if not services.booted():
         return {}
     upgraded = before not in (None, target)
-    faults = _start([*ran, *wanted], WATCHED_S if ran and upgraded else GLANCE_S)
+    faults = _start([*ran, *wanted], here.watched_s if ran and upgraded else GLANCE_S)
     lost = {unit: why for unit, why in faults.items() if unit in ran}
     if lost and before is not None and upgraded:
         _go_back(here, before, target, lost)

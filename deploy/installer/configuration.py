@@ -3,30 +3,31 @@
 What is there is never touched. A box that is given its base dials it with TLS: nothing else is right in a field.
 """
 
+import argparse
 import os
 import re
 import secrets
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any, Final
 
 from .machine import USER
-from .places import Role
+from .places import ROLES, Places, Role
 from .telling import say
 
 PORT: Final = 7447  # Zenoh's own
 SIGNING_KEY_B: Final = 32
 
 
-def lay_configuration(folder: Path, version: Path, role: Role, given: dict[str, str | None]) -> bool:
-    """The role's configuration, if it has none; whether one was written."""
+def lay_configuration(folder: Path, deploy: Path, role: Role, given: dict[str, str | None]) -> bool:
+    """The role's configuration, if it has none; whether one was written. deploy: where templates and schemas lie."""
     file = folder / f"{role.name}.toml"
     if file.exists():
         return False
-    text = filled((version / "deploy" / role.template).read_text(), role.name, given)
-    schema = version.parent / "current/deploy/schema"
-    text = re.sub(r"\A#:schema .*schema/", f"#:schema {schema}/", text)
+    text = filled((deploy / role.template).read_text(), role.name, given)
+    text = re.sub(r"\A#:schema .*schema/", f"#:schema {deploy}/schema/", text)
     _write(file, text, 0o640, "root")
     say(f"wrote {file}: edit it")
     if role.name == "base" and not (folder / "mavlink.key").exists():
@@ -75,3 +76,18 @@ def _write(file: Path, text: str, mode: int, owner: str) -> None:
     following.chmod(mode)
     shutil.chown(following, owner, USER)
     following.rename(file)
+
+
+def main() -> int:
+    """For a Debian package: `python3 -m installer.configuration ROLE [--site NAME] [--camera ID] [--base ADDRESS]`."""
+    parser = argparse.ArgumentParser(prog="installer.configuration")
+    parser.add_argument("role", choices=sorted(ROLES))
+    for option in ("--site", "--camera", "--base"):
+        parser.add_argument(option)
+    given = parser.parse_args()
+    lay_configuration(Places().config, Path(__file__).parents[1], ROLES[given.role], vars(given))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -24,26 +24,6 @@ MB: Final = 10**6
 COMPILED: Final = 1.2  # what Python's compiled files add, measured: 8 % of a box, 15 % of a base
 SPARE_B: Final = 50 * MB  # for everybody else on that disk
 FETCHED_B: Final = 900 * MB  # a base from the internet, unpacked; measured
-# Loads every module of ours that can be loaded here: what it compiled is what will be run.
-COMPILE: Final = """
-import importlib.util, pkgutil, sys
-bad = []
-def load(name):
-    try:
-        importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        package = (error.name or "").split(".")[0]
-        if package in ("", "edge", "calib") or importlib.util.find_spec(package) is not None:
-            bad.append(f"{name}: {error}")
-    except Exception as error:
-        bad.append(f"{name}: {error}")
-for package in ("edge", "calib"):
-    load(package)
-    for module in pkgutil.walk_packages(sys.modules[package].__path__, package + "."):
-        if not module.name.endswith("__main__"):
-            load(module.name)
-sys.exit("; ".join(bad[:3] + [f"and {len(bad) - 3} more"] * (len(bad) > 3)) or 0)
-"""
 
 
 def lay(source: Source, roles: frozenset[str], versions: Versions) -> Path:
@@ -61,7 +41,7 @@ def lay(source: Source, roles: frozenset[str], versions: Versions) -> Path:
     try:
         _grow(growing, place, source, wheels, extras)
         (growing / ROLES_FILE).write_text(" ".join(sorted(roles)) + "\n")
-        os.sync()
+        subprocess.run(["sync", "--file-system", str(growing)], check=False)  # whole before it has its name
         growing.rename(place)
     except OSError as error:
         raise RefusedError(f"{place.name} could not be laid ({error})", "nothing was changed") from error
@@ -102,7 +82,7 @@ def _grow(growing: Path, place: Path, source: Source, wheels: list[wheelhouse.Wh
     for name in ("deploy", "systemd"):
         shutil.copytree(source.tree / name, growing / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copyfile(source.tree / "README.md", growing / "README.md")
-    _run([str(python), "-c", COMPILE], "the programs that were laid do not load")
+    _run([str(python), str(growing / "deploy/installer/loading.py")], "the programs that were laid do not load")
 
 
 PIP: Final = ("--isolated", "--quiet", "--disable-pip-version-check", "install", "--no-compile")

@@ -24,8 +24,11 @@ DROPPED: Final = (
     "pymavlink/dialects/v20/[!_c]*",
     "pymavlink/dialects/v20/c[!o]*",
     "pymavlink/message_definitions",
-    # PDF and PostScript are never drawn, and only they need fonts taken apart; the generator of dialects needs lxml
-    "fontTools",
+    # PDF and PostScript are never drawn, and only they take fonts apart (names of glyphs are read): 28 MB
+    "fontTools/[!_am]*",
+    "fontTools/merge",
+    "fontTools/misc/*.so",
+    # the generator of dialects needs it: 12 MB
     "lxml",
     # a second implementation of the same, for PyPy: 12 MB
     "zstandard/_cffi*",

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 from typing import Final
 
+from .changeover import WATCHED_S
 from .places import ROLES
 from .telling import RefusedError
 
@@ -24,11 +25,13 @@ def parse(words: list[str]) -> argparse.Namespace:
             "--unsigned", action="store_true", help="take a bundle that the machine's signers did not sign"
         )
         act.add_argument("--no-start", action="store_true", help="lay everything, start nothing")
+        act.add_argument("--watch", type=float, default=WATCHED_S, metavar="S", help="how long an upgrade is watched")
         act.add_argument("--site", help="the site's name, for a configuration that is not there yet")
         act.add_argument("--camera", metavar="ID", help="edge: the camera's id")
         act.add_argument("--base", metavar="ADDRESS", help="edge: the base's address")
         act.add_argument("--time", choices=["pps", "ntp", "none"], default="none", help="base: serve the site's time")
-    acts.add_parser("rollback", help="back to the version before")
+    back = acts.add_parser("rollback", help="back to the version before")
+    back.add_argument("--watch", type=float, default=WATCHED_S, metavar="S", help="how long it is watched")
     remove = acts.add_parser("uninstall", help="remove the programs")
     remove.add_argument("--purge", action="store_true", help="and configuration and everything recorded")
     wanted = parser.parse_args(words)

@@ -21,6 +21,7 @@ from calib.station.config import MIN_CAMERAS, BaseConfig, load
 from calib.station.core.stored_state import StoredState
 from calib.station.outputs.registry import OutputHost, open_output, wanted
 from calib.station.own_clock import check_own_clock
+from calib.station.status.asking import Running, running_station
 from calib.station.survey.in_force import survey_file, twice_given, with_survey
 from edge.clock.monitor import read_clock
 from edge.common.errors import ConfigError
@@ -65,15 +66,30 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
         yield _disk(folder / config.recording.folder, config.recording.min_free_mb)
     else:
         yield Line("WARN", "recording", "off", "set [recording] folder to be able to solve again afterwards")
-    yield from _outputs(config, folder)
     security = check_security(config.link, dt.datetime.now(dt.UTC), Bearer(config.site.name, "station"))
     yield Line(VERDICTS[security.level], security.name, security.reason, security.action)
     clock = check_own_clock(read_clock(config.clock), config.clock)
     yield Line(VERDICTS[clock.level], clock.name, clock.reason, clock.action)
+    running = running_station(config.status, folder)
+    if running is not None and running.site == config.site.name:
+        yield from _told_by(running)  # ports and receivers are its own: it is asked, not fought
+        return
+    yield from _outputs(config, folder)
     for endpoint in config.link.listen:
         yield _listen(endpoint)
     if config.status.port is not None:
         yield _port("status page", config.status.host, config.status.port)
+
+
+def _told_by(running: Running) -> Iterator[Line]:
+    reason = f"version {running.version} runs here: {running.phase}"
+    yield Line("PASS", "running station", f"{reason}, {running.reason}" if running.reason else reason)
+    for each in running.endpoints:
+        name = f"{each.output} {each.url}"
+        if each.last_error:
+            yield Line("WARN", name, each.last_error, "see whether the receiver is there")
+        else:
+            yield Line("PASS", name, f"{each.content}, {each.sent} sent".lstrip(", "))
 
 
 def _positions(config: BaseConfig, folder: Path) -> Iterator[Line]:

@@ -1,6 +1,7 @@
 """`base-station check`: a line for each thing the station depends on, and a code that says whether one fails."""
 
 import socket
+import threading
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,8 @@ import pytest
 from calib.station.app import main
 from calib.station.commands.check import Line, examine
 from calib.station.config import BaseConfig
-from tests.calib.station.running import calibrated_before, configured, udp_ear
+from tests.calib.station.running import calibrated_before, configured, running, turned_until, udp_ear
+from tools.doubles.ports import free_port
 
 
 def lines(config: BaseConfig, folder: Path) -> dict[str, Line]:
@@ -66,3 +68,21 @@ def test_a_folder_that_can_t_be_written_and_a_survey_that_can_t_be_read_fail(tmp
     assert found["state folder"].verdict == "FAIL"
     assert found["recording"].verdict == "FAIL"
     assert found["recording"].action == "free 1000000 MB"
+
+
+def test_a_station_that_runs_is_asked_and_not_fought_for_its_ports(tmp_path: Path, endpoint: str) -> None:
+    """As `install.sh base` ends: with a check beside the station that it has just started."""
+    with udp_ear() as ear:
+        port = free_port()
+        config = configured(tmp_path, endpoint, status={"port": port}, mavlink={"endpoint": [ear.endpoint]})
+        with running(config, tmp_path) as station:
+            asked = threading.Thread(target=lambda: found.update(lines(config, tmp_path)))
+            found: dict[str, Line] = {}
+            asked.start()
+            assert turned_until(station, lambda: not asked.is_alive(), within_s=60.0)
+        receiver = found[f"mavlink udp:127.0.0.1:{ear.port}"]
+    assert found["running station"].verdict == "PASS"
+    assert "collecting" in found["running station"].reason
+    assert receiver.verdict == "PASS"
+    assert {name for name, line in found.items() if line.verdict == "FAIL"} == set()
+    assert "status page" not in found

@@ -1,0 +1,46 @@
+"""Asking the station that runs on this machine how it is, over its own /status.json.
+
+The hazard is a check that fights a healthy station for its ports and calls it a fault: whoever finds a port taken asks
+here first who holds it.
+"""
+
+import http.client
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from calib.station.config import StatusSection
+from calib.station.status.access import read_token
+from calib.station.status.status import EndpointStatus
+from edge.common.errors import ConfigError
+from edge.link.ports import EVERYWHERE, LOOPBACK
+
+ANSWERS_WITHIN_S: Final = 10.0  # the page's process may have to be started for the answer
+
+
+class Running(msgspec.Struct, frozen=True, kw_only=True):
+    """What of a running station's status is asked for; the rest is not read."""
+
+    site: str
+    version: str
+    phase: str
+    reason: str
+    endpoints: list[EndpointStatus]
+
+
+def running_station(status: StatusSection, folder: Path) -> Running | None:
+    """The station that answers at this configuration's status port; None if none does, or nobody who is one."""
+    if not status.port:
+        return None
+    host = LOOPBACK if status.host in EVERYWHERE else status.host
+    connection = http.client.HTTPConnection(host, status.port, timeout=ANSWERS_WITHIN_S)
+    try:
+        token = read_token(folder / status.token_file) if status.token_file else ""
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        connection.request("GET", "/status.json", headers=headers)
+        return msgspec.json.decode(connection.getresponse().read(), type=Running)
+    except (OSError, http.client.HTTPException, msgspec.MsgspecError, ConfigError):
+        return None
+    finally:
+        connection.close()

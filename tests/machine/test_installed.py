@@ -1,0 +1,37 @@
+"""What is installed is what is tested: a booted machine without a network, the bundle, both programs under their units.
+
+One life is lived through (tools/rehearsal/life.py), 3 to 5 minutes on two cores; each test looks at one thing in it.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tools import bundle
+from tools.rehearsal import debian
+from tools.rehearsal.life import ASKED, Life, lived
+from tools.rehearsal.machine import CannotBoot
+
+pytestmark = pytest.mark.program("systemd-nspawn", "mmdebstrap", "setpriv", "nsenter")
+
+
+@pytest.fixture(scope="module")
+def life(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Life]:
+    """The life; skipped, with the reason, where no machine can be booted."""
+    if reason := debian.missing():
+        pytest.skip(reason)
+    folder = tmp_path_factory.mktemp("bundles")
+    (folder / "built").mkdir()
+    bundle.lay_out(folder / "built", [bundle.this_machine()], [debian.PYTHON])
+    try:
+        with lived(debian.make(), folder / "built", Path(folder)) as done:
+            yield done
+    except CannotBoot as reason:
+        pytest.skip(str(reason))
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_it(life: Life, name: str) -> None:
+    finding = life.found(name)
+    assert finding.came_true, finding.found

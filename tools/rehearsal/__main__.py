@@ -1,0 +1,78 @@
+"""Rehearse installations, as root; a finding a line, 1 if one is FAIL.
+
+python -m tools.rehearsal                      what CI lives through
+python -m tools.rehearsal trouble              machines that are full, read-only, old, or set on purpose
+python -m tools.rehearsal upgrades --seed 7    twenty upgrades, every third broken: an hour
+"""
+
+import argparse
+import sys
+import tarfile
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from tools import bundle
+from tools.rehearsal import debian
+from tools.rehearsal.life import Life, first_base, flight, heart, lived, second_role
+from tools.rehearsal.machine import CannotBoot
+from tools.rehearsal.trouble import trouble
+from tools.rehearsal.upgrades import upgrades
+
+
+def _upgraded(life: Life, seed: int) -> None:
+    first_base(life)
+    flight(life)
+    second_role(life)
+    upgrades(life, seed)
+
+
+def _heart(life: Life, _seed: int) -> None:
+    heart(life)
+
+
+def _trouble(life: Life, _seed: int) -> None:
+    trouble(life)
+
+
+# What each part does, and how large its disk for programs is (MB; 0: as large as there is room).
+PARTS: Final = {"heart": (_heart, 0), "trouble": (_trouble, 0), "upgrades": (_upgraded, 2000)}
+
+
+def built(folder: Path, archive: Path | None) -> Path:
+    """The bundle's folder: unpacked, or built of this checkout for this machine."""
+    if archive is None:
+        (folder / "built").mkdir()
+        bundle.lay_out(folder / "built", [bundle.this_machine()], [debian.PYTHON])
+        return folder / "built"
+    with tarfile.open(archive) as tar:
+        tar.extractall(folder, filter="data")
+    return next(folder.glob("skyfix-*-bundle"))
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.rehearsal", description="A life on a booted machine.")
+    parser.add_argument("--bundle", type=Path, metavar="TAR", help="one that is built already")
+    parser.add_argument("part", nargs="?", choices=sorted(PARTS), default="heart")
+    parser.add_argument("--seed", type=int, default=7, help="upgrades: which are broken, and how (default: 7)")
+    options = parser.parse_args()
+    print(f"{options.part}, seed {options.seed}", flush=True)
+    if reason := debian.missing():
+        sys.exit(reason)
+    part, programs_mb = PARTS[options.part]
+
+    def lead(life: Life) -> None:
+        part(life, options.seed)
+
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            bundle_folder = built(Path(folder), options.bundle)
+            with lived(debian.make(), bundle_folder, Path(folder), lead, programs_mb=programs_mb) as life:
+                return int(not all(finding.came_true for finding in life.findings))
+        except CannotBoot as reason:
+            sys.exit(str(reason))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
