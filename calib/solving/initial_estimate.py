@@ -14,7 +14,8 @@ from calib.solving.clock_consensus import Clock
 from calib.solving.georeference import Georeference, georeference
 from calib.solving.identity import Key, identify
 from calib.solving.inputs import Inputs
-from calib.solving.scaffold import Pose, build, threshold_ray
+from calib.solving.reasons import refuse_bent, too_few_poses
+from calib.solving.scaffold import Pose, Scaffold, build, threshold_ray
 from calib.solving.series import TrackSeries
 from calib.solving.strain import Believed
 
@@ -39,10 +40,11 @@ def from_scaffold(inputs: Inputs, clocks: dict[str, Clock], *, local: bool) -> I
 
     Raises CalibrationError with what is missing.
     """
-    tracks, offsets = _at_pace(inputs.tracks, clocks), {name: clock.offset_s for name, clock in clocks.items()}
+    tracks, offsets = at_pace(inputs.tracks, clocks), {name: clock.offset_s for name, clock in clocks.items()}
     scaffold = build(tracks, offsets)
+    refuse_bent(inputs, tracks, offsets, scaffold)
     objects = _objects(tracks, offsets, scaffold.poses)
-    frame = Georeference(UNCHANGED) if local else georeference(scaffold, inputs.sites)
+    frame = Georeference(UNCHANGED) if local else _georeferenced(inputs, tracks, offsets, scaffold)
     shares = {name: pose.share for name, pose in scaffold.poses.items()}
     cameras = tuple(
         replace(
@@ -54,11 +56,24 @@ def from_scaffold(inputs: Inputs, clocks: dict[str, Clock], *, local: bool) -> I
     return InitialEstimate(cameras, objects, frame.doubts, scaffold.pair if local else None, shares)
 
 
-def _at_pace(tracks: dict[str, list[TrackSeries]], clocks: dict[str, Clock]) -> dict[str, list[TrackSeries]]:
+def at_pace(tracks: dict[str, list[TrackSeries]], clocks: dict[str, Clock]) -> dict[str, list[TrackSeries]]:
     """The tracks with the rates of their cameras' clocks taken out; their offsets stay in."""
     return {
         name: [track.stretched(clocks[name].rate) for track in own] for name, own in tracks.items() if name in clocks
     }
+
+
+def _georeferenced(
+    inputs: Inputs, tracks: dict[str, list[TrackSeries]], offsets: dict[str, float], scaffold: Scaffold
+) -> Georeference:
+    """Raises CalibrationError, with why cameras have no pose if it is for want of them."""
+    try:
+        return georeference(scaffold, inputs.sites)
+    except CalibrationError as refusal:
+        reason = too_few_poses(inputs, tracks, offsets, scaffold)
+        if reason is None:
+            raise
+        raise reason from refusal
 
 
 def from_network(inputs: Inputs, start: Network) -> InitialEstimate:
@@ -76,7 +91,7 @@ def from_network(inputs: Inputs, start: Network) -> InitialEstimate:
     poses = {camera.id: Pose(camera.R_cam_enu, camera.centre_enu, 1.0) for camera in cameras}
     clocks = {camera.id: Clock(camera.clock_offset_s, camera.clock_rate) for camera in cameras}
     offsets = {name: clock.offset_s for name, clock in clocks.items()}
-    return InitialEstimate(cameras, _objects(_at_pace(inputs.tracks, clocks), offsets, poses))
+    return InitialEstimate(cameras, _objects(at_pace(inputs.tracks, clocks), offsets, poses))
 
 
 def _objects(tracks: dict[str, list[TrackSeries]], offsets: dict[str, float], poses: dict[str, Pose]) -> dict[Key, int]:

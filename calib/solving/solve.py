@@ -14,14 +14,16 @@ from calib.adjustment.uncertainty import camera_covariance
 from calib.errors import CalibrationError
 from calib.network import Network
 from calib.observations import Scene
+from calib.solving.clock_consensus import Clock
 from calib.solving.clocks import NEAR_S
 from calib.solving.common_time import Timed, on_one_time
 from calib.solving.evidence import gather
 from calib.solving.findings import contradiction, findings
 from calib.solving.georeference import CHECK_UP, OVERTURNED
-from calib.solving.initial_estimate import from_network, from_scaffold
+from calib.solving.initial_estimate import at_pace, from_network, from_scaffold
 from calib.solving.inputs import Inputs, prepare
 from calib.solving.readmit import readmit
+from calib.solving.reasons import why_left_out
 from calib.solving.refine import Refined, refine
 from calib.solving.solution import (
     Solution,
@@ -178,7 +180,7 @@ def _report(timed: Timed, refined: Refined, *, evidence: bool) -> SolutionReport
     name, sigma, direction = weakest(adjusted, problem)
     return SolutionReport(
         cameras=cameras,
-        left_out=_left_out(inputs, refined, {camera.id for camera in cameras}),
+        left_out=_left_out(timed, refined, {camera.id for camera in cameras}),
         findings=findings(cameras, inputs.sites, refined.strain),
         rms_px=rms_px(adjusted, problem),
         survey_rms_m=float(np.sqrt((misfits**2).sum(1).mean())) if len(misfits) else None,
@@ -192,9 +194,13 @@ def _report(timed: Timed, refined: Refined, *, evidence: bool) -> SolutionReport
     )
 
 
-def _left_out(inputs: Inputs, refined: Refined, present: set[str]) -> tuple[tuple[str, str], ...]:
+def _left_out(timed: Timed, refined: Refined, present: set[str]) -> tuple[tuple[str, str], ...]:
     """Every camera of the site that is not in the network, and why."""
-    unfit = "no pose explains its track: check its clock, its lens file and what it detects"
-    reasons = {name: unfit for name in inputs.sites if name not in present}
+    inputs = timed.inputs
+    reasons = {name: "" for name in inputs.sites if name not in present}
     reasons |= {name: why for name, why in {**inputs.left_out, **refined.left_out}.items() if name in reasons}
+    clocks = {name: timed.clocks.get(name, Clock()) for name in inputs.tracks if name not in inputs.left_out}
+    offsets = {name: clock.offset_s for name, clock in clocks.items()}
+    tracks = at_pace(inputs.tracks, clocks)
+    reasons |= why_left_out(reasons, inputs, tracks, offsets, refined.adjusted.estimate)
     return tuple(sorted(reasons.items()))

@@ -15,7 +15,7 @@ from calib.solving.solution import SolutionReport
 # What a refusal says next to a camera's name when it accuses it, and not only lists it.
 ACCUSING: Final = re.compile(
     r"does not fit|looks? (wrong|swapped)|is wrong|are exchanged|is off|out of line|without it|left out|its own bound"
-    r"|another camera's|is a copy|was (moved|turned|knocked)|has stepped"
+    r"|has no pose as it is|no pose explains|another camera's|is a copy|was (moved|turned|knocked)|has stepped"
 )
 # Cameras are given, but not told apart.
 UNDECIDED: Final = re.compile(r"cannot be (excluded|told)|cannot tell|one of|nobody can|do not know enough")
