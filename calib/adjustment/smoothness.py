@@ -71,16 +71,13 @@ def _slack(estimate: FlightEstimate, away: Array, information: float) -> Array:
 
     H T (T' H T)^-1 T' H for those directions T: what is left of H has no curvature along them, and all of it across.
     """
-    turns = [np.cross(axis, away) for axis in np.eye(3)]
-    directions = np.stack([*turns, away])  # (4, M, 3)
     four = estimate.flight.piece_controls[:, None] + np.arange(ORDER)
+    directions = np.stack([*(np.cross(axis, away) for axis in np.eye(3)), away])  # (4, M, 3)
     third = np.einsum("k,dnka->dna", THIRD_DIFFERENCE, directions[:, four])
     values, vectors = np.linalg.eigh(information * np.einsum("dna,ena->de", third, third))
-    kept = values > SMALLEST_CURVATURE * max(values[-1], 0.0)
-    third = np.einsum("dna,de->ena", third, vectors[:, kept])
-    curved = np.zeros((third.shape[0], *away.shape))
+    kept = values > SMALLEST_CURVATURE * values[-1]
+    third = np.einsum("dna,de->nae", third, vectors[:, kept] / np.sqrt(values[kept]))
+    slack = np.zeros((*away.shape, third.shape[-1]))
     for i in range(ORDER):
-        for one, by in zip(curved, third, strict=True):
-            np.add.at(one, four[:, i], information * THIRD_DIFFERENCE[i] * by)
-    slack: Array = (curved.reshape(len(curved), -1) / np.sqrt(values[kept])[:, None]).T
-    return slack
+        np.add.at(slack, four[:, i], information * THIRD_DIFFERENCE[i] * third)
+    return slack.reshape(away.size, third.shape[-1])
