@@ -16,7 +16,7 @@ from calib.errors import CalibrationError
 from calib.geometry.similarity import Similarity, fit_similarity
 from calib.network import Camera
 from calib.solving.doubts import Claim
-from calib.solving.strain import CERTAIN, UNLIKELY, Believed, widening
+from calib.solving.strain import CERTAIN, UNLIKELY, Believed, most_probable_first, widening
 from edge.common.arrays import Array
 
 MOST_RIVALS: Final = 6  # explanations that are gone on with; more are as good as nobody's
@@ -44,7 +44,7 @@ def told_apart(adjusted: Adjusted, problem: Problem, doubts: tuple[Believed, ...
     share = np.exp(np.array(support) - max(support))
     share *= sum(one.probability for one in rivals) / share.sum()
     left = [replace(one, probability=float(p)) for one, p in zip(rivals, share, strict=True) if p > UNLIKELY]
-    return tuple(sorted((*certain, *left), key=lambda one: (-round(one.probability, 6), one.doubt.about)))
+    return most_probable_first((*certain, *left))
 
 
 def _started(estimate: FlightEstimate, problem: Problem, rival: Believed) -> FlightEstimate:

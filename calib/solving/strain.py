@@ -9,6 +9,7 @@ is as claimed, whatever is not unlikely widens the priors, and everything is adj
 what is no longer believed, little is lost, and where they do not, the sigma says so.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -130,7 +131,7 @@ def strain(adjusted: Adjusted, problem: Problem) -> Strain:
     """Test what survey, lens files and clocks claim, and weigh what may be wrong with them."""
     if not problem.prior.known.any():
         return Strain(0.0, 0, 1.0, (), 1.0)
-    return _Weighing(problem.prior, PixelInformation.of(adjusted, problem)).strain()
+    return Weighing(problem.prior, PixelInformation.of(adjusted, problem)).strain()
 
 
 def widening(doubts: tuple[Believed, ...], prior: JointPrior) -> Array:
@@ -143,7 +144,7 @@ def widening(doubts: tuple[Believed, ...], prior: JointPrior) -> Array:
 
 
 @dataclass(frozen=True)
-class _Weighing:
+class Weighing:
     prior: JointPrior
     seen: PixelInformation
 
@@ -166,25 +167,33 @@ class _Weighing:
             allowed = self.seen.against(self.prior.claimed + widening(doubts, self.prior)[known])
         return Strain(claimed.statistic, len(claimed.off), claimed.p_value, doubts, allowed.p_value)
 
-    def _likely(self, tested: PriorTest) -> tuple[Believed, ...]:
-        """What is not unlikely, if it is likely that something is wrong; nothing otherwise."""
+    def posterior(self, tested: PriorTest) -> tuple[float, dict[Doubt, float]]:
+        """How probable it is that all is as claimed, and how probable each doubt, given what was seen: 1 together."""
         as_claimed = tested.log_likelihood(np.zeros((len(tested.frame), 1)))
         support = [np.log(d.odds) + tested.log_likelihood(parts) - as_claimed for d, parts in self._parts.items()]
-        every = np.array([0.0, *support])  # the first: all is as claimed
+        every = np.array([0.0, *support])
         probability = np.exp(every - every.max())
-        probability /= probability.sum()
-        if probability[0] > UNSURE:
+        nothing, *each = (probability / probability.sum()).tolist()
+        return nothing, dict(zip(self._parts, each, strict=True))
+
+    def _likely(self, tested: PriorTest) -> tuple[Believed, ...]:
+        """What is not unlikely, if it is likely that something is wrong; nothing otherwise."""
+        as_claimed, probability = self.posterior(tested)
+        if as_claimed > UNSURE:
             return ()
-        sizes: dict[object, list[tuple[float, Doubt]]] = {}
-        for doubt, own in zip(self._parts, probability[1:].tolist(), strict=True):
-            sizes.setdefault(doubt.about, []).append((own, doubt))
-        likely = [_in_one(own) for own in sizes.values()]
-        likely = [one for one in likely if one.probability > UNLIKELY]
-        return tuple(sorted(likely, key=lambda one: (-round(one.probability, 6), one.doubt.claim, one.doubt.cameras)))
+        return most_probable_first(one for one in _of_any_size(probability) if one.probability > UNLIKELY)
 
 
-def _in_one(sizes: list[tuple[float, Doubt]]) -> Believed:
-    """One doubt of all its sizes: the largest that is not unlikely."""
-    total = sum(weight for weight, _ in sizes)
-    largest = max((doubt for weight, doubt in sizes if weight >= LARGEST_SIZE * total), key=lambda doubt: doubt.size)
-    return Believed(largest, total)
+def _of_any_size(probability: dict[Doubt, float]) -> Iterator[Believed]:
+    """One doubt for all the sizes of one: the largest that is not unlikely, as probable as all of them."""
+    about: dict[object, dict[Doubt, float]] = {}
+    for doubt, own in probability.items():
+        about.setdefault(doubt.about, {})[doubt] = own
+    for sizes in about.values():
+        total = sum(sizes.values())
+        yield Believed(max((d for d in sizes if sizes[d] >= LARGEST_SIZE * total), key=lambda d: d.size), total)
+
+
+def most_probable_first(doubts: Iterable[Believed]) -> tuple[Believed, ...]:
+    """In the same order wherever probabilities are equal but for their rounding."""
+    return tuple(sorted(doubts, key=lambda one: (-round(one.probability, 6), one.doubt.about)))

@@ -1,4 +1,4 @@
-"""What cameras' priors share: what averages and what does not, what is known and what is free, and costs that add up."""
+"""What cameras' priors share: what averages and what does not, what is known and what is free, and what it costs."""
 
 from dataclasses import replace
 

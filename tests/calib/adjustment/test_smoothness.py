@@ -100,7 +100,7 @@ def bent(x: Array) -> Array:
     [
         (lambda k: np.random.default_rng(1).normal(0, 20, (len(k), 3)), 4),  # three turns and a scale
         (lambda k: bent(np.sin(k)), 3),  # in a line: a turn about it moves nothing
-        (lambda k: bent(k), 0),  # at an even pace: there is no jerk, and nothing to take out
+        (bent, 0),  # at an even pace: there is no jerk, and nothing to take out
     ],
 )
 def test_directions_that_do_not_curve_are_not_taken_out(shape: Callable[[Array], Array], rank: int) -> None:
@@ -117,11 +117,5 @@ def test_a_roll_that_two_surveyed_cameras_leave_open_is_open(seed: int) -> None:
     A smoothness with curvature along a turn used to hold it to some hundredths of a radian.
     """
     truth = simulate(site(offsets_s=(0.0, 0.0), seed=seed))
-    try:
-        flight = solve(truth.scene, start=truth.network).trajectory
-    except CalibrationError as error:
-        assert "determine" in error.what
-        return
-    away = np.linalg.norm(flight.points_enu - truth.network.cameras[0].centre_enu, axis=1)
-    sigma = np.sqrt(np.linalg.eigvalsh(flight.covariance_enu)[:, -1])
-    assert np.median(sigma / away) > 1.0  # a radian
+    with pytest.raises(CalibrationError, match="determine"):
+        solve(truth.scene, start=truth.network)
