@@ -176,13 +176,31 @@ class RecordingSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """The recording of everything received and sent."""
 
     folder: Annotated[str | None, Meta(description="left out: nothing is recorded")] = None
-    max_file_mb: Annotated[int, Meta(ge=1, le=1_000_000, description="megabytes, then a new file is begun")] = 2000
+    max_file_mb: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=1_000_000,
+            description="megabytes before it is compressed, then a new file is begun; 200: 80 minutes",
+        ),
+    ] = 200
+    compress: Annotated[
+        bool, Meta(description="make finished files small (zstd); the one that is written is as it comes")
+    ] = True
+    when_full: Annotated[
+        Literal["oldest_out", "stop"],
+        Meta(description="what goes when room runs out: the oldest recording of this site, or what comes next"),
+    ] = "oldest_out"
+    max_total_mb: Annotated[
+        Annotated[int, Meta(ge=10, le=100_000_000)] | None,
+        Meta(description="megabytes of this site's recordings, then the oldest goes; left out: as the disk allows"),
+    ] = None
     min_free_mb: Annotated[
         int,
         Meta(
             ge=1,
             le=1_000_000,
-            description="megabytes; less free on the disk: recording stops, tracking goes on",
+            description="megabytes; less free on the disk: room is made, or recording stops; tracking goes on",
         ),
     ] = 500
 

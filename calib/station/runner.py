@@ -61,6 +61,8 @@ class Runner:
         state = self.keeper.load(set(cameras))
         self.epoch = state.epoch
         self.recording = stack.enter_context(closing(StationRecording(config.recording, folder, site)))
+        if self.recording.kept is not None:
+            stack.enter_context(self.recording.kept)
         survey = SurveyedSite(site, config.site.origin, cameras).message(self.began_ns)
         self.recording.hold(station_key(site, "survey"), encode(survey))
         self.worker = stack.enter_context(Worker(solver))
@@ -165,6 +167,7 @@ class Runner:
         disk = disk_checks(disk=self.keeper.fault, recording=self.recording.fault)
         own.append(check_own_clock(self._utc.state(), self._clock_config))
         own.append(check_versions(__version__, self.station.intake.cameras.values()))
+        own += self.recording.checks()
         self.station.extra_checks = own + self.outputs.checks(now_ns) + disk
         self.display.show(self.status())
 
@@ -197,6 +200,9 @@ class Runner:
             recording=None if recording.path is None else str(recording.path),
             recording_folder=None if recording.folder is None else str(recording.folder),
             free_mb=recording.free_mb,
-            counters=self.boxes.counters | self.outputs.counters | {"recorded": recording.messages},
+            counters=self.boxes.counters
+            | self.outputs.counters
+            | recording.counters
+            | {"recorded": recording.messages},
         )
         return snapshot(view, self.clock.now_ns())

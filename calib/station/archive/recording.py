@@ -2,9 +2,10 @@
 
 The hazard is the end that never comes: power cuts, kill -9, a full disk. So nothing waits in a buffer: each message is
 in the file before anything is computed from it, messages are not gathered into chunks, and a file without an end is
-read up to where it breaks off. And a file without its beginning: what was said once, long ago, the survey, a lens, is
-said again at the head of every file, so that each can be solved by itself. Foxglove opens the files as they are: one
-channel a key, JSON with its schema.
+read up to where it breaks off. Only when a file is finished is it compressed, in chunks (compressing.py); no reader
+need know. And a file without its beginning: what was said once, long ago, the survey, a lens, is said again at the head
+of every file, so that each can be solved by itself. Foxglove opens the files as they are: one channel a key, JSON with
+its schema.
 """
 
 import logging
@@ -18,9 +19,10 @@ from typing import Final
 
 import msgspec
 from mcap.exceptions import McapError
-from mcap.records import Channel, Message
+from mcap.records import Channel, McapRecord, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
+from zstandard import ZstdError
 
 from calib.station.core.playback import Recorded
 from edge import __version__
@@ -33,6 +35,17 @@ log = logging.getLogger(__name__)
 SYNC_S: Final = 2.0  # the most a power cut may cost
 SYNC_CLOSE_S: Final = 1.5  # for the last push; a card that takes longer is left to it
 LONGEST_RECORD: Final = 1 << 24  # bytes: a length beyond it is damage, not a message
+# What mcap raises where a file is damaged or cut off.
+BROKEN: Final = (
+    McapError,
+    ZstdError,
+    struct.error,
+    EOFError,
+    ValueError,
+    MemoryError,
+    OverflowError,
+    RuntimeError,
+)
 CHECK_DISK_NS: Final = 5_000_000_000
 STATE_TOPICS: Final = ("survey", "lens", "fix", "calibration")  # said once and holding on: each file begins with them
 FREE_JSON: Final = b'{"type": "object"}'
@@ -90,7 +103,7 @@ class _Unbuffered:
 class Recorder:
     """Appends messages to files of limited size in a folder. A disk that fails stops the recording, not the caller."""
 
-    def __init__(self, folder: Path, site: str, *, max_file_mb: int = 2000, min_free_mb: int = 500) -> None:
+    def __init__(self, folder: Path, site: str, *, max_file_mb: int = 200, min_free_mb: int = 500) -> None:
         self._folder, self._site = folder, site
         self._max_bytes, self._min_free_bytes = max_file_mb * 10**6, min_free_mb * 10**6
         self._writer: Writer | None = None
@@ -129,6 +142,11 @@ class Recorder:
         channel = self._channels.get(key) or self._register(key)
         self._writer.add_message(channel, now_ns, payload, t_message_ns, self.messages & 0xFFFFFFFF)
         self.messages += 1
+
+    @property
+    def current(self) -> Path | None:
+        """The file that is being written."""
+        return None if self._writer is None else self.path
 
     def close(self) -> None:
         """Give the file its end."""
@@ -206,22 +224,31 @@ def _dash(number: int) -> str:
 def read(path: Path) -> Iterator[Recorded]:
     """The messages of a recording in the order they came, up to its end or to where it breaks off.
 
-    Raises RecordingError if there is no such file or it is no recording at all.
+    Of a compressed one, up to its last whole chunk. Raises RecordingError if there is no such file or it is no
+    recording at all.
     """
+    topics: dict[int, str] = {}
+    for record in records(path):
+        if isinstance(record, Channel):
+            topics[record.id] = record.topic
+        elif isinstance(record, Message) and record.channel_id in topics:
+            yield Recorded(topics[record.channel_id], record.log_time, record.data)
+
+
+def records(path: Path) -> Iterator[McapRecord]:
+    """What a file is made of, chunks taken apart, up to its end or to where it breaks off. Raises RecordingError."""
     try:
         stream = path.open("rb")
     except OSError as error:
         raise RecordingError(f"cannot be read ({error})", where=str(path), action="give a .mcap file") from error
-    topics: dict[int, str] = {}
+    some = False
     with stream:
         try:
-            for record in StreamReader(stream, record_size_limit=LONGEST_RECORD).records:
-                if isinstance(record, Channel):
-                    topics[record.id] = record.topic
-                elif isinstance(record, Message) and record.channel_id in topics:
-                    yield Recorded(topics[record.channel_id], record.log_time, record.data)
-        except (McapError, struct.error, EOFError, UnicodeDecodeError, MemoryError) as error:
-            if not topics and stream.tell() > 0 and not _begins_like_mcap(path):
+            for record in StreamReader(stream, record_size_limit=LONGEST_RECORD, validate_crcs=True).records:
+                some = some or isinstance(record, Channel)
+                yield record
+        except BROKEN as error:
+            if not some and stream.tell() > 0 and not _begins_like_mcap(path):
                 raise RecordingError(
                     f"is no recording ({error})", where=str(path), action="give a .mcap file"
                 ) from error

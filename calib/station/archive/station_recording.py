@@ -3,8 +3,10 @@
 import shutil
 from pathlib import Path
 
+from calib.station.archive.kept_recordings import KeptRecordings
 from calib.station.archive.recording import Recorder
 from calib.station.config import RecordingSection
+from edge.common.health import Check
 
 
 class StationRecording:
@@ -17,6 +19,7 @@ class StationRecording:
         if self.folder is not None:
             limits = {"max_file_mb": options.max_file_mb, "min_free_mb": options.min_free_mb}
             self._recorder = Recorder(self.folder, site, **limits)
+        self.kept = None if self.folder is None else KeptRecordings(self.folder, site, options, self._written_now)
         self._on = self._recorder is not None
 
     def write(self, key: str, payload: bytes, now_ns: int) -> None:
@@ -41,6 +44,18 @@ class StationRecording:
         """Give the file its end."""
         if self._recorder is not None:
             self._recorder.close()
+
+    def _written_now(self) -> Path | None:
+        return None if self._recorder is None else self._recorder.current
+
+    def checks(self) -> list[Check]:
+        """What is kept, if anything is."""
+        return [] if self.kept is None else [self.kept.check()]
+
+    @property
+    def counters(self) -> dict[str, float]:
+        """What was removed and compressed since the start."""
+        return {} if self.kept is None else self.kept.counters
 
     @property
     def fault(self) -> str:
