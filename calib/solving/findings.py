@@ -23,11 +23,17 @@ CAUSES: Final = {
     Claim.DISTORTION: Cause.LENS,
     Claim.CLOCK: Cause.CLOCK,
 }
+SUBJECTS: Final = {
+    Claim.POSITION: "surveyed position",
+    Claim.LENS: "lens file",
+    Claim.DISTORTION: "distortion",
+    Claim.CLOCK: "clock",
+}
 CURES: Final = {
-    Claim.POSITION: "survey it again",
-    Claim.LENS: "calibrate it (edge-node lens), at the resolution and zoom that is flown with",
+    Claim.POSITION: "survey {it} again",
+    Claim.LENS: "calibrate {it} (edge-node lens), at the resolution and zoom that is flown with",
     Claim.DISTORTION: "calibrate the lens (edge-node lens), and give raw pixels, not undistorted ones",
-    Claim.CLOCK: "look at its time synchronisation",
+    Claim.CLOCK: "look at the time synchronisation of {whose}",
 }
 MOST_TOLD: Final = 5  # explanations that are given one by one
 EXCHANGED: Final = 0.1  # of the distance between two tripods, within which each stands where the other was surveyed
@@ -62,7 +68,7 @@ def _doubted(strained: Strain, cameras: dict[str, CameraReport]) -> list[Found]:
 def contradiction(strained: Strain, cameras: int) -> str:
     """That survey, lens files and clocks contradict the cameras, and who may be wrong. cameras: how many there are."""
     rivals = [one.doubt for one in strained.doubts if one.probability < CERTAIN] or [d.doubt for d in strained.doubts]
-    words = list(dict.fromkeys(_words(doubt, cameras) for doubt in rivals))
+    words = list(dict.fromkeys(_is_off(doubt, cameras) for doubt in rivals))
     what = f"what is claimed of the site contradicts what the cameras saw {strained.figures}"
     if len(words) > MOST_TOLD:
         return f"{what}, and nobody can tell where"
@@ -70,27 +76,27 @@ def contradiction(strained: Strain, cameras: int) -> str:
     return f"{what}: {', or '.join(words)}{apart}"
 
 
-def _words(doubt: Doubt, cameras: int) -> str:
+def _is_off(doubt: Doubt, cameras: int) -> str:
     several = len(doubt.cameras) > 1
-    whose = "all cameras" if several and len(doubt.cameras) == cameras else " and ".join(doubt.cameras)
-    subject = {
-        Claim.POSITION: "surveyed position",
-        Claim.LENS: "lens file",
-        Claim.DISTORTION: "distortion",
-        Claim.CLOCK: "clock",
-    }[doubt.claim]
-    return f"the {subject}{'s' if several else ''} of {whose} {'are' if several else 'is'} off"
+    subject = SUBJECTS[doubt.claim]
+    return f"the {subject}{'s' if several else ''} of {_whose(doubt, cameras)} {'are' if several else 'is'} off"
+
+
+def _whose(doubt: Doubt, cameras: int) -> str:
+    """The cameras in words. cameras: how many there are."""
+    everybody = 1 < len(doubt.cameras) == cameras
+    return "all cameras" if everybody else " and ".join(doubt.cameras)
 
 
 def _alone(doubt: Doubt, cameras: dict[str, CameraReport]) -> Found:
     """The finding about the one thing that is wrong."""
-    cause = CAUSES[doubt.claim]
-    if doubt.claim is Claim.POSITION and len(doubt.cameras) == 2 and _exchanged(doubt, cameras):
-        one, two = doubt.cameras
-        sentence = f"the positions of {one} and {two} are exchanged: neither was believed; exchange them in the survey"
-        return Found(cause, doubt.cameras, sentence)
-    sentence = f"{_words(doubt, len(cameras))}{_by_how_much(doubt, cameras)} and was not believed: {CURES[doubt.claim]}"
-    return Found(cause, doubt.cameras, sentence)
+    return Found(CAUSES[doubt.claim], doubt.cameras, _exchanged(doubt, cameras) or _disbelieved(doubt, cameras))
+
+
+def _disbelieved(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:
+    it, was = ("it", "was") if len(doubt.cameras) == 1 else ("them", "were")
+    cure = CURES[doubt.claim].format(it=it, whose=_whose(doubt, len(cameras)))
+    return f"{_is_off(doubt, len(cameras))}{_by_how_much(doubt, cameras)} and {was} not believed: {cure}"
 
 
 def _by_how_much(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:
@@ -107,13 +113,18 @@ def _by_how_much(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:
     return ""
 
 
-def _exchanged(doubt: Doubt, cameras: dict[str, CameraReport]) -> bool:
-    one, two = (cameras.get(name) for name in doubt.cameras)
-    return one is not None and two is not None and _in_each_others_place(one, two)
+def _exchanged(doubt: Doubt, cameras: dict[str, CameraReport]) -> str | None:
+    """The sentence about two positions that are each other's; None if these are not."""
+    if doubt.claim is not Claim.POSITION or len(doubt.cameras) != 2:
+        return None
+    one, two = doubt.cameras
+    if not _in_each_others_place(cameras.get(one), cameras.get(two)):
+        return None
+    return f"the positions of {one} and {two} are exchanged: neither was believed; exchange them in the survey"
 
 
-def _in_each_others_place(one: CameraReport, two: CameraReport) -> bool:
-    if one.survey_misfit_m is None or two.survey_misfit_m is None:
+def _in_each_others_place(one: CameraReport | None, two: CameraReport | None) -> bool:
+    if one is None or two is None or one.survey_misfit_m is None or two.survey_misfit_m is None:
         return False
     here, there = np.array(one.centre_enu), np.array(two.centre_enu)
     surveyed_here, surveyed_there = here - one.survey_misfit_m, there - two.survey_misfit_m
