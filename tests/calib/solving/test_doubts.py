@@ -50,7 +50,9 @@ def test_a_good_site_is_far_more_probable_than_a_bad_one(cameras: int) -> None:
 
 def test_pairs_are_tried_up_to_a_number_that_grows_as_the_square() -> None:
     def pairs(cameras: int) -> int:
-        return len({d.cameras for d in all_doubts(priors(cameras)) if d.claim is Claim.POSITION and len(d.cameras) == 2})
+        return len(
+            {d.cameras for d in all_doubts(priors(cameras)) if d.claim is Claim.POSITION and len(d.cameras) == 2}
+        )
 
     assert pairs(6) == 15
     assert pairs(MOST_PAIRED) == MOST_PAIRED * (MOST_PAIRED - 1) / 2

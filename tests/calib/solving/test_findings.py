@@ -91,13 +91,13 @@ def test_several_that_are_wrong_alike_are_spoken_of_in_the_plural() -> None:
 
 
 def test_what_is_sure_stands_alone_and_what_is_not_among_its_rivals() -> None:
-    found = told(
-        (Claim.POSITION, ("d",), CERTAIN), (Claim.LENS, ("a",), CERTAIN - 0.3), (Claim.POSITION, ("b",), 0.3)
-    )
+    found = told((Claim.POSITION, ("d",), CERTAIN), (Claim.LENS, ("a",), CERTAIN - 0.3), (Claim.POSITION, ("b",), 0.3))
     assert [one.undecided for one in found] == [False, True]
     assert found[0].cameras == ("d",)
     assert found[1].cameras == ("a", "b")
-    assert "the lens file of a is off, or the surveyed position of b is off; these cannot be told apart" in str(found[1])
+    assert "the lens file of a is off, or the surveyed position of b is off; these cannot be told apart" in str(
+        found[1]
+    )
     assert "position of d" not in str(found[1])
 
 
