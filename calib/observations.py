@@ -43,13 +43,17 @@ class Observations:
 
 @dataclass(frozen=True)
 class Frame:
-    """Measurements of one camera in one frame: pixels (K, 2), label (K,) its own track numbers, sigma_px (K,)."""
+    """Measurements of one camera in one frame: pixels (K, 2), label (K,) its own track numbers, sigma_px (K,).
+
+    width_px: (K,) of the boxes, None where nobody says.
+    """
 
     camera: str
     t_unix_ns: int
     pixels: Array
     label: NDArray[np.int64]
     sigma_px: Array
+    width_px: Array | None = None
 
 
 @dataclass(frozen=True)

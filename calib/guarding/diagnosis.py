@@ -1,167 +1,268 @@
-"""Fault diagnosis of a camera from residuals: is it a knock, or a clock that stepped?
+"""Which one change of which one camera explains that the rays contradict each other: fault isolation.
 
-The hazard is the alarm nobody heeds any more. A calibration is never exact: a camera is always off by a little, in
-the same direction, and always more than its noise allows. So the expected part of it, the network's own covariance, is
-counted as what cannot be told from a knock, and only more than that is evidence of a fault. A stepped clock shows
-differently: what it is off by follows the motion in the image.
+Every hypothesis (this camera was turned; this camera's clock stepped) is weighed against "only what was expected": the
+network's own covariance, the clocks' bounds, boxes off their centres. The hazards are two. The innocent: the camera
+that looks worst is not named unless three others agree about the same object without it and no other camera explains
+nearly as much. And the wrong cause: where an object flies straight a clock and a turn look alike, so a cause is told
+only where the flight tells, and a clock that states its bound is believed more than one that does not.
+
+The score of a hypothesis is what it takes off the sum of squares (Rao 1948, Willsky and Jones 1976: generalised
+likelihood ratio), in closed form from normal equations: nothing is fitted again for each.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.guarding.evidence import FAULT_SIZE, UNKNOWNS, ObjectEvidence
+from calib.guarding.memory import Slice
+from calib.guarding.wander import ClockEstimate
+from calib.network import POSE_SIZE
 from edge.common.arrays import Array
+from edge.common.units import NS
 
-WINDOWS_NS: Final = (
-    2_000_000_000,
-    4_000_000_000,
-    6_000_000_000,
-)  # evidence looked back on: for a blow, and for a slow tilt
-FEWEST: Final = 6  # residuals
-SHORTEST_NS: Final = 1_000_000_000  # they must span
-ALIKE: Final = 3.0  # residuals that say as much as one: they share seconds, witnesses and pixels
-KNOCK_SIGMA: Final = 4.5
-KNOCK_PX: Final = 2.0  # less is a lens, not a knock
-CLOCK_SIGMA: Final = 4.5
-CLOCK_S: Final = 0.010  # a smaller step moves a target by less than its noise
-CLOCK_PRIOR_S: Final = 0.5
-FREE_PX: Final = 1e6  # a knock may be of any size
-NO_CLOCK_S: Final = 1e-9
-REWEIGHTINGS: Final = 4  # of reweighting: a wrong partner is far off and must not count
-
-
-@dataclass(frozen=True)
-class Residual:
-    """off_px (2,): where its track is, minus where witnesses say it should be. velocity_px_s (2,) of the image there.
-
-    noise_px: one sigma that is new each time; expected_px: one sigma that the calibration leaves, always the same.
-    """
-
-    t_unix_ns: int
-    off_px: Array
-    velocity_px_s: Array
-    noise_px: float
-    expected_px: float
+TURN_RAD: Final = 0.035  # 2 degrees, one sigma of what a knock turns a camera by
+STEP_S: Final = 0.3  # one sigma of what a clock steps by
+CLOCK_BELIEF: Final = (
+    8.0  # nats: at most so much is a stated bound worth against a step; a bound may be a lie, once in 3000
+)
+TELLS_CAUSE: Final = 4.0  # nats between the two causes, before one is told
+ASTRAY: Final = 30.0  # taken off the sum of squares by one camera's change: then something is wrong
+MARGIN: Final = 16.0  # by which it must take off more than any other camera's change, to be named
+MARGIN_SHARE: Final = 0.15  # and this share of it
+WITNESSES: Final = 3  # other cameras that agree about one object
+SUPPORTED: Final = 0.5  # share of a window's slices in which they do
+UNEXPLAINED: Final = 0.15  # of what is explained: more left over, and it is not the cause, or not yet the whole of it
+FREEDOM_SIGMA: Final = 4.0  # and what chance leaves over
+DRIFTS_PER_S: Final = 0.3  # of its offset a box drifts a second: an object that turns shows another end
+STRETCH_NS: Final = 3_000_000_000  # of flight, in which that drift is as good as straight
+LEAST_PX: Final = 1.5  # less moves a target by less than its sigma
+LEAST_STEP_S: Final = 0.008
+ROTATION: Final = np.arange(3)
+CLOCK: Final = np.array([POSE_SIZE])
 
 
 @dataclass(frozen=True)
-class FaultEvidence:
-    """How strongly residuals speak against a camera, since when, and what happened to it."""
+class Contradiction:
+    """What one camera's change explains. score: what it takes off the sum of squares.
 
-    strength: float
-    since_unix_ns: int
-    knock_px: float | None
-    clock_s: float | None  # how far what it shows is behind its stamps, negative: ahead
-
-
-def diagnose(seen: Sequence[Residual], now_unix_ns: int, clock_sigma_s: float = 0.001) -> FaultEvidence | None:
-    """The fault with the strongest evidence in the residuals, if any.
-
-    clock_sigma_s: by how much this camera's clock may be off the calibration's without being at fault: a consumer's
-    camera with a clock of its own wanders by tens of milliseconds in a minute, a disciplined box does not.
+    turn_rad: (3,) and step_s: each as if it were the cause alone. knock_odds: log odds of a turn against a step, the
+    clock's stated bound included.
     """
-    stamps = np.array([t.t_unix_ns for t in seen], np.int64)
-    inside = np.array([stamps > now_unix_ns - window for window in WINDOWS_NS]).reshape(len(WINDOWS_NS), len(seen))
-    inside = inside[[_enough(stamps[window]) for window in inside]]
-    if not len(inside):
-        return None
-    residuals = _Residuals.of(seen)
-    expected = np.array([residuals.expected_px(window, clock_sigma_s) for window in inside])
-    knocks = _fit(residuals, inside, np.full(len(inside), FREE_PX), NO_CLOCK_S, residuals.middle_px(inside))
-    # A step of the clock beside what is expected anyway.
-    clocks = _fit(residuals, inside, expected, CLOCK_PRIOR_S, np.zeros((len(inside), 2)))
-    found = [
-        _fault(knock, clock, float(expected_px), clock_sigma_s, int(stamps[window][0]))
-        for knock, clock, expected_px, window in zip(knocks, clocks, expected, inside, strict=True)
+
+    camera: int
+    score: float
+    turn_rad: Array
+    step_s: float
+    knock_odds: float
+    by_turn: float
+    by_step: float
+
+    @property
+    def cause(self) -> Literal["knock", "clock", "either"]:
+        """What happened, as far as the flight tells."""
+        if abs(self.knock_odds) < TELLS_CAUSE:
+            return "either"
+        return "knock" if self.knock_odds > 0 else "clock"
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """All cameras' contradictions, worst first; and, if nothing happened: what is left of the squares beyond their
+    degrees of freedom, and how the clocks are.
+    """
+
+    found: list[Contradiction]
+    unexplained: float
+    freedom: int
+    clocks: ClockEstimate
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The strongest contradiction, whether it is one beyond doubt (astray), whether its camera may be named, and over
+    how many slices it was found. clocks: if nothing happened.
+
+    turned_rad, stepped_rad: by how much the camera's rays are off by the turn, or by the step.
+    """
+
+    worst: Contradiction
+    astray: bool
+    named: bool
+    slices: int
+    turned_rad: float
+    stepped_rad: float
+    clocks: ClockEstimate
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What poses and clocks may be off by: mean (7 C,) and inverse (7 C, 7 C) of the joint covariance.
+
+    focal_px: (C,). bound_s: (C,) of a clock that states one, else infinite.
+    """
+
+    mean: Array
+    inverse: Array
+    focal_px: Array
+    bound_s: Array
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Normal equations of pose and clock of all cameras, boxes' offsets taken out: (7 C, 7 C), (7 C,).
+
+    squares: the sum of squares they can explain, of so many degrees of freedom.
+    """
+
+    normal: Array
+    right: Array
+    squares: float
+    freedom: int
+
+
+def summed(slices: Sequence[Slice], cameras: int) -> Sums:
+    """All slices of a window."""
+    size = cameras * FAULT_SIZE
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    squares, freedom = 0.0, 0
+    for found in _by_object(slices).values():
+        one = _without_offsets(found, cameras)
+        normal += one.normal
+        right += one.right
+        squares += one.squares
+        freedom += one.freedom
+    return Sums(normal, right, squares, freedom)
+
+
+def _by_object(slices: Sequence[Slice]) -> dict[tuple[int, int], list[tuple[float, ObjectEvidence]]]:
+    """Each object's evidence of each stretch, with seconds from the stretch's middle."""
+    found: defaultdict[tuple[int, int], list[tuple[float, ObjectEvidence]]] = defaultdict(list)
+    for one in slices:
+        ago_ns = slices[-1].t_unix_ns - one.t_unix_ns
+        for number, of_object in one.objects:
+            after_ns = STRETCH_NS // 2 - ago_ns % STRETCH_NS
+            found[number, ago_ns // STRETCH_NS].append((after_ns / NS, of_object))
+    return found
+
+
+def _without_offsets(found: Sequence[tuple[float, ObjectEvidence]], cameras: int) -> Sums:
+    """One object's slices, its offsets in the images and how they drift eliminated, each with its prior."""
+    shape = (cameras, UNKNOWNS)
+    moments = [np.zeros((*shape, *shape)) for _ in range(3)]  # weighed by 1, t and t^2
+    rights = [np.zeros(shape) for _ in range(2)]
+    lasting = np.ones(cameras)
+    for t_s, one in found:
+        at = one.cameras
+        blocks = one.normal.transpose(0, 2, 1, 3)
+        for power, moment in enumerate(moments):
+            moment[at[:, None], :, at[None], :] += blocks * t_s**power
+        for power, right in enumerate(rights):
+            right[at] += one.right * t_s**power
+        lasting[at] = one.lasting_px
+    size, count = cameras * FAULT_SIZE, 2 * cameras
+    kept, gone = slice(0, FAULT_SIZE), slice(FAULT_SIZE, UNKNOWNS)
+    inner = [moment[:, gone][:, :, :, gone].reshape(count, count) for moment in moments]
+    offsets = np.block([[inner[0], inner[1]], [inner[1], inner[2]]])
+    sigma = np.repeat(lasting, 2)
+    diagonal = np.arange(2 * count)
+    offsets[diagonal, diagonal] += np.concatenate([sigma, sigma * DRIFTS_PER_S]) ** -2.0
+    cross = np.vstack([moment[:, gone][:, :, :, kept].reshape(count, size) for moment in moments[:2]])
+    beside = np.concatenate([right[:, gone].ravel() for right in rights])
+    solved = np.linalg.solve(offsets, np.column_stack([cross, beside]))
+    return Sums(
+        moments[0][:, kept][:, :, :, kept].reshape(size, size) - cross.T @ solved[:, :-1],
+        rights[0][:, kept].ravel() - cross.T @ solved[:, -1],
+        sum(one.squares for _, one in found) - float(beside @ solved[:, -1]),
+        sum(one.freedom for _, one in found),
+    )
+
+
+def contradictions(sums: Sums, expected: Expected) -> Ranking:
+    """What each camera's change would explain."""
+    posterior = np.linalg.inv(sums.normal + expected.inverse)
+    right = sums.right - sums.normal @ expected.mean
+    squares = sums.squares - 2 * float(expected.mean @ sums.right) + float(expected.mean @ sums.normal @ expected.mean)
+    back = sums.normal @ posterior
+    left = sums.normal - back @ sums.normal
+    pull = right - back @ right
+    found = [_contradiction(k, left, pull, float(expected.bound_s[k])) for k in range(len(expected.focal_px))]
+    unexplained = squares - float(right @ posterior @ right) - sums.freedom
+    of_clocks = np.arange(len(found)) * FAULT_SIZE + CLOCK
+    off_s = (expected.mean + posterior @ right)[of_clocks]
+    clocks = ClockEstimate(off_s, np.sqrt(np.diag(posterior)[of_clocks]))
+    return Ranking(sorted(found, key=lambda one: -one.score), unexplained, sums.freedom, clocks)
+
+
+def _contradiction(camera: int, left: Array, pull: Array, bound_s: float) -> Contradiction:
+    turn, turn_score, turn_cost = _fit(left, pull, camera * FAULT_SIZE + ROTATION, TURN_RAD)
+    step, step_score, step_cost = _fit(left, pull, camera * FAULT_SIZE + CLOCK, STEP_S)
+    belief = min((float(step[0]) / bound_s) ** 2 / 2, CLOCK_BELIEF)
+    odds = (turn_score - step_score) / 2 - turn_cost + step_cost + belief
+    return Contradiction(camera, max(turn_score, step_score), turn, float(step[0]), odds, turn_score, step_score)
+
+
+def _fit(left: Array, pull: Array, at: NDArray[np.intp], sigma: float) -> tuple[Array, float, float]:
+    """A change with that prior sigma: its value, what it takes off the sum of squares, and its Occam factor (nats)."""
+    normal = left[np.ix_(at, at)]
+    value = np.linalg.solve(normal + np.eye(len(at)) * sigma**-2.0, pull[at])
+    cost = float(np.linalg.slogdet(np.eye(len(at)) + normal * sigma**2)[1]) / 2
+    return value, float(value @ pull[at]), cost
+
+
+def judge(slices: Sequence[Slice], expected: Expected) -> Verdict:
+    """Whether a window's rays contradict each other, and whether one camera may be named for it."""
+    ranking = contradictions(summed(slices, len(expected.focal_px)), expected)
+    worst, second = ranking.found[:2]
+    turned_px, stepped_px = _moved_px(slices, worst)
+    by_turn = worst.by_turn >= ASTRAY and turned_px > LEAST_PX
+    by_step = worst.by_step >= ASTRAY and stepped_px > LEAST_PX and abs(worst.step_s) > LEAST_STEP_S
+    clear = worst.score - second.score > max(MARGIN, MARGIN_SHARE * worst.score)
+    over = ranking.unexplained - worst.score
+    fits = over < UNEXPLAINED * worst.score + FREEDOM_SIGMA * np.sqrt(2.0 * ranking.freedom)
+    astray = by_turn or by_step
+    named = astray and clear and bool(fits) and _has_witnesses(slices, worst.camera)
+    focal_px = float(expected.focal_px[worst.camera])
+    return Verdict(worst, astray, named, len(slices), turned_px / focal_px, stepped_px / focal_px, ranking.clocks)
+
+
+def _moved_px(slices: Sequence[Slice], found: Contradiction) -> tuple[float, float]:
+    """Root mean square by which the turn, and the step, move the pixels that the camera reports."""
+    seen = [
+        (one, one.cameras.tolist().index(found.camera))
+        for part in slices
+        for _, one in part.objects
+        if found.camera in one.cameras
     ]
-    return max((one for one in found if one is not None), key=lambda one: one.strength, default=None)
+    if not seen:
+        return 0.0, 0.0
+    turned_px2 = np.mean([one.turned_px2[k] for one, k in seen], axis=0)
+    speed2 = float(np.mean([one.speed_px_s[k] ** 2 for one, k in seen]))
+    return float(np.sqrt(found.turn_rad @ turned_px2 @ found.turn_rad)), abs(found.step_s) * float(np.sqrt(speed2))
 
 
-def _enough(stamps: NDArray[np.int64]) -> bool:
-    return len(stamps) >= FEWEST and stamps[-1] - stamps[0] >= SHORTEST_NS
-
-
-def _fault(
-    knocked: "_RayFit", stepped: "_RayFit", expected_px: float, clock_sigma_s: float, since_unix_ns: int
-) -> FaultEvidence | None:
-    knock_px = float(np.linalg.norm(knocked.value[:2]))
-    knock = knock_px / float(np.sqrt(np.trace(knocked.covariance[:2, :2]) / 2 + expected_px**2))
-    clock_s = float(stepped.value[2])
-    clock = abs(clock_s) / float(np.hypot(np.sqrt(stepped.covariance[2, 2]), clock_sigma_s))
-    is_knocked, is_stepped = knock > KNOCK_SIGMA and knock_px > KNOCK_PX, clock > CLOCK_SIGMA and abs(clock_s) > CLOCK_S
-    if not is_knocked and not is_stepped:
-        return None
-    by_clock = is_stepped and (not is_knocked or stepped.cost < knocked.cost)
-    strength = clock / CLOCK_SIGMA if by_clock else knock / KNOCK_SIGMA
-    return FaultEvidence(strength, since_unix_ns, None if by_clock else knock_px, clock_s if by_clock else None)
-
-
-@dataclass(frozen=True)
-class _Residuals:
-    """All residuals of a camera as arrays: off_px, velocity_px_s (N, 2), noise_px, expected (N,)."""
-
-    off_px: Array
-    velocity_px_s: Array
-    noise_px: Array
-    expected: Array
-
-    @classmethod
-    def of(cls, seen: Sequence[Residual]) -> "_Residuals":
-        return cls(
-            np.array([t.off_px for t in seen]),
-            np.array([t.velocity_px_s for t in seen]),
-            np.array([t.noise_px for t in seen]) * np.sqrt(ALIKE),
-            np.array([t.expected_px for t in seen]),
+def _has_witnesses(slices: Sequence[Slice], camera: int) -> bool:
+    """Whether, most of the time, three others agree about one object."""
+    agreed = sum(
+        any(
+            sum(agree and k != camera for k, agree in zip(found.cameras.tolist(), found.agree, strict=True))
+            >= WITNESSES
+            for _, found in one.objects
         )
-
-    def middle_px(self, inside: NDArray[np.bool_]) -> Array:
-        """(W, 2) median of what is off, a window."""
-        return np.array([np.median(self.off_px[window], axis=0) for window in inside])
-
-    def expected_px(self, window: NDArray[np.bool_], clock_sigma_s: float) -> float:
-        """What the calibration and a clock that wanders leave, one sigma."""
-        wander_px = float(np.median(np.linalg.norm(self.velocity_px_s[window], axis=1))) * clock_sigma_s
-        return float(np.hypot(np.median(self.expected[window]), wander_px))
+        for one in slices
+    )
+    return agreed >= SUPPORTED * len(slices)
 
 
-@dataclass(frozen=True)
-class _RayFit:
-    """Offset u, v px and delay s; (3, 3) covariance; what is left over."""
-
-    value: Array
-    covariance: Array
-    cost: float
-
-
-def _fit(
-    residuals: _Residuals, inside: NDArray[np.bool_], offset_sigma_px: Array, delay_sigma_s: float, start: Array
-) -> list[_RayFit]:
-    """off = offset + delay * velocity for each window (W, N), robustly (Cauchy weights), with prior sigmas of both.
-
-    start: (W, 2) offsets to begin with. All windows at once: this is asked of every camera several times a second.
-    """
-    v, noise2 = residuals.velocity_px_s, residuals.noise_px**2
-    features = np.column_stack([np.ones(len(v)), v, (v**2).sum(axis=1)])
-    targets = np.column_stack([residuals.off_px, (v * residuals.off_px).sum(axis=1)])
-    value = np.column_stack([start, np.zeros(len(start))])
-    for _ in range(REWEIGHTINGS):
-        weight = inside / noise2 / (1 + _squares(residuals, value) / (9 * noise2))
-        one, vx, vy, vv = (weight @ features).T
-        nil = np.zeros_like(one)
-        normal = np.stack([one, nil, vx, nil, one, vy, vx, vy, vv], axis=1).reshape(-1, 3, 3)
-        normal[:, [0, 1], [0, 1]] += offset_sigma_px[:, None] ** -2
-        normal[:, 2, 2] += delay_sigma_s**-2
-        covariance = np.linalg.inv(normal)
-        value = np.matmul(covariance, (weight @ targets)[:, :, None])[:, :, 0]
-    cost = (inside * np.log1p(_squares(residuals, value) / (9 * noise2))).sum(axis=1)
-    return [_RayFit(*fit) for fit in zip(value, covariance, cost.tolist(), strict=True)]
-
-
-def _squares(residuals: _Residuals, value: Array) -> Array:
-    """(W, N) squared residuals, px^2."""
-    left = residuals.off_px - value[:, None, :2] - value[:, None, 2:] * residuals.velocity_px_s
-    squares: Array = np.einsum("wni,wni->wn", left, left)
-    return squares
+def supports(one: Slice, found: Contradiction, cameras: int) -> bool:
+    """Whether a slice, by itself, is better explained with the change than without."""
+    sums = summed([one], cameras)
+    knocked = found.knock_odds > 0
+    at = found.camera * FAULT_SIZE + (ROTATION if knocked else CLOCK)
+    value = found.turn_rad if knocked else np.array([found.step_s])
+    gain = 2 * value @ sums.right[at] - value @ sums.normal[np.ix_(at, at)] @ value
+    return bool(gain > 0)

@@ -1,61 +1,66 @@
 """Has a camera been knocked, has its clock stepped, is its picture frozen? From raw rays against the network.
 
 The hazard is a guard that trusts what it guards. A filter bends its target towards a camera that was knocked, and a
-watch on the filter's residuals falls asleep; so no target estimate enters here. Two cameras whose raw rays meet for a
-second are witnesses to a point; a third that should see it, and reports a track close by but not there, has a residual.
-The camera with the strongest evidence of a fault is named, one at a time: as a witness it spoils the others' residuals.
+watch on the filter's residuals falls asleep; so no target estimate enters here. And a guard that believes the knocked
+camera as it believes the others names an innocent: a camera is named only where three others agree without it, beyond
+doubt and by a margin; else the finding has no name, "these cameras disagree", and that too is an alarm.
 """
 
-from collections import defaultdict, deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
 import numpy as np
 
-from calib.guarding.diagnosis import FaultEvidence, Residual, diagnose
-from calib.guarding.meetings import Meetings, attitude_sigma, median_low, meetings
-from calib.guarding.raytracks import RayTrack, RayTracks
-from calib.network import Network
+from calib.guarding.boxshare import BoxShare
+from calib.guarding.candidate import Candidate
+from calib.guarding.diagnosis import Contradiction, Expected, Verdict, judge, supports
+from calib.guarding.evidence import FAULT_SIZE, evidence
+from calib.guarding.looks import APART_S, CameraLook, Expectations, attitudes_rad, look
+from calib.guarding.meetings import meetings
+from calib.guarding.memory import EvidenceMemory, Slice
+from calib.guarding.objects import Grouping
+from calib.guarding.raytracks import RayTracks
+from calib.guarding.wander import ClockEstimate, ClockWander
+from calib.network import POSE_SIZE, Network
 from calib.observations import Frame
 from calib.sighting import CameraView
+from edge.common.arrays import Array
 
-ROUND_NS: Final = 200_000_000  # between rounds, each of one pair of witnesses: a twentieth of a core at most
+SLICE_NS: Final = 500_000_000  # of rays that are compared at once, and time between two rounds
+INSTANTS: Final = 5  # of a slice, APART_S apart
 DONE: Final = object()  # what a round that is over gives
-CHECKED_A_ROUND: Final = 6  # cameras that a pair is compared with at once, for the same reason
 WATCHED_NS: Final = 1_000_000_000  # of rays looked at: longer, and an old pose speaks with the new
-LEAST_INSTANTS: Final = 3  # instants that the witnesses' point and the third camera's track must both have
-INSIDE_BY_PX: Final = 5.0
-ALL_PAIRS_UP_TO: Final = 10  # cameras; beyond, each is a witness with its next three in the network
-NEAR_RAD: Final = 0.05  # 2.9 degrees: what is farther from where it should be is another object
+WAITED_NS: Final = 1_000_000_000  # for the slowest camera; one that is farther behind is not compared
+WINDOWS_NS: Final = (1_000_000_000, 2_000_000_000, 4_000_000_000, 6_000_000_000)  # evidence looked back on
+FEWEST_SLICES: Final = 2
+NAMED_ROUNDS: Final = 2  # in a row that name the same camera, before it is named
+UNNAMED_ROUNDS: Final = 3  # in a row that contradict, where no camera can be named
+NAMEABLE_ROUNDS: Final = 7  # the same where one might still be: four cameras see the same objects
+NAMEABLE: Final = 4  # cameras
+MOST_OBJECTS: Final = 6  # a slice: more say little more, and cost
+ALL_PAIRS_UP_TO: Final = 10  # cameras; beyond, each is paired with its next three in the network
+CALM: Final = 10.0  # taken off the sum of squares: more may be a fault that grows, and is not learnt from
+TINY: Final = 1e-14  # rad^2, m^2, s^2: an error known to be exactly none has no inverse
 FROZEN_S: Final = 3.0  # s of identical detections; a hovering drone's jitter in the last digit
 FROZEN_FRAMES: Final = 30
 DISCIPLINED_SIGMA_S: Final = 0.002  # of a clock held by chrony over a local network
-AGREE_PAIRS: Final = 2  # of cameras whose rays meet, at least, before a stored network is accepted
-AGREE_SHARE: Final = 0.5  # of the pairs that saw something at the same time
-AGREE_TIMES: Final = 3  # in a row
-AGREE_EVERY_NS: Final = 300_000_000
-REFUSE_NS: Final = 6_000_000_000  # of rays that do not meet, after which it is refused
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A camera at fault, why, and since when its observations are not to be used."""
+    """A fault, why, and since when the observations are not to be used.
 
-    camera: str
+    camera: the one at fault, or None: the cameras of `among` contradict each other, and which is wrong cannot be told.
+    miss_rad: by how much what it shows is off.
+    """
+
+    camera: str | None
     reason: str
     since_unix_ns: int
-
-
-@dataclass
-class _Candidate:
-    """A stored network on trial: since when rays could have met, when last looked, how often in a row most met."""
-
-    network: Network
-    since_ns: int = 0
-    asked_ns: int = 0
-    agreed: int = 0
+    among: tuple[str, ...] = ()
+    miss_rad: float = 0.0
 
 
 class Guard:
@@ -66,16 +71,20 @@ class Guard:
         self._network: Network | None = None
         self._ignored: set[str] = set()
         self._views: dict[str, CameraView] = {}
-        self._since: dict[str, int] = {}
-        self._residuals: defaultdict[str, deque[Residual]] = defaultdict(lambda: deque(maxlen=400))
+        self._covariance: Array = np.empty((0, 0))
+        self._memory = EvidenceMemory(WINDOWS_NS[-1])
+        self._share = BoxShare()
         self._turn = 0
         self._round: Iterator[None] | None = None  # under way, a piece at a time
         self._round_ns = 0
         self._now_unix_ns = 0
+        self._sliced_ns = 0
+        self._wander = ClockWander()
+        self._suspected: list[str | None] = []  # of the last rounds in a row that contradict: who, if anybody
         self._found: list[Finding] = []
         self._frozen: dict[str, tuple[bytes, int, int]] = {}  # pixels, since, frames
-        self._candidate: _Candidate | None = None
-        self.clock_sigma_s: dict[str, float] = {}  # how well each camera keeps time; who is not in it is disciplined
+        self._candidate: Candidate | None = None
+        self._clock_bound_s: dict[str, float | None] = {}  # as each camera states it of its own clock
         self.residual_mrad: dict[tuple[str, str], float] = {}
 
     def trust(self, network: Network) -> None:
@@ -83,20 +92,31 @@ class Guard:
         self.forget()
         self._network = network
         self._views = {camera.id: CameraView.of(camera) for camera in network.cameras}
+        self._covariance = _with_room_for_clocks(network)
 
     def forget(self) -> None:
         """There is no network any more."""
-        self._network, self._candidate, self._round = None, None, None
+        self._network, self._candidate = None, None
         self._found.clear()
         self._ignored.clear()
-        self._residuals.clear()
+        self._begin_anew()
         self.residual_mrad.clear()
 
     def ignore(self, camera: str) -> None:
         """This camera has been left out; it is neither a witness nor compared."""
         self._ignored.add(camera)
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Evidence with a camera that is left out in it says nothing of the others."""
         self._round = None
-        self._residuals.clear()  # residuals against it as a witness were false
+        self._memory.clear()
+        self._wander.clear()
+        self._suspected.clear()
+
+    def state_clock(self, camera: str, bound_s: float | None) -> None:
+        """What a camera states of its own clock: by how much at most it is off UTC; None: nothing."""
+        self._clock_bound_s[camera] = bound_s
 
     def observe(self, frame: Frame) -> None:
         """Take a frame of any camera."""
@@ -109,13 +129,13 @@ class Guard:
     # Watching
 
     def findings(self, now_unix_ns: int) -> list[Finding]:
-        """Which cameras are at fault now; a round that is not done by now is finished, and the next begun."""
+        """What is at fault now; a round that is not done by now is finished, and the next begun."""
         found = [
             Finding(camera, "its picture is frozen", since)
             for camera, (_, since, frames) in self._frozen.items()
             if frames >= FROZEN_FRAMES and now_unix_ns - since > FROZEN_S * 1e9
         ]
-        if abs(now_unix_ns - self._round_ns) >= ROUND_NS:
+        if abs(now_unix_ns - self._round_ns) >= SLICE_NS:
             while self._round is not None:
                 self.work(now_unix_ns)
             self._round, self._round_ns = self._one_round(), now_unix_ns
@@ -130,102 +150,177 @@ class Guard:
             self._round = None
 
     def _one_round(self) -> Iterator[None]:
-        """A round: one pair of witnesses meets, each other camera is compared, and all residuals are diagnosed."""
+        """A slice of rays becomes evidence, and all evidence of the last seconds is judged."""
         network = self._network
-        pairs = [] if network is None else self._witnesses([c.id for c in network.cameras if c.id not in self._ignored])
-        if network is None or not pairs:
+        end_ns = self._slice_end_ns()
+        if network is None or end_ns is None:
             return
-        yield from self._check_others(network, *pairs[self._turn % len(pairs)])
-        self._turn += 1
-        yield from self._decide()
+        self._sliced_ns = end_ns
+        yield from self._measure_a_pair(network)
+        looks: list[CameraLook] = []
+        for view in self._watched():
+            looks.append(self._look(network, view, end_ns))
+            yield
+        grouping = Grouping(looks, self._pairs(len(looks)))
+        yield from grouping.steps()
+        numbers = [network.cameras.index(one.view.camera) for one in looks]
+        found = []
+        for seen in grouping.objects()[:MOST_OBJECTS]:
+            one = evidence(looks, seen)
+            found.append(replace(one, cameras=np.array([numbers[k] for k in one.cameras])))
+            yield
+        gone = self._memory.add(end_ns, found)
+        yield from self._judge(network, end_ns, gone)
+
+    def _slice_end_ns(self) -> int | None:
+        """As far as all cameras have come that are not far behind, unless that is hardly farther than last time."""
+        newest = [
+            stamp
+            for camera, stamp in self._tracks.newest_ns.items()
+            if camera in self._views and camera not in self._ignored and self._now_unix_ns - stamp < WAITED_NS
+        ]
+        if len(newest) < 2:
+            return None
+        end_ns = min(newest)
+        if end_ns < self._sliced_ns - WAITED_NS:  # time went back
+            self._begin_anew()
+            return end_ns
+        return end_ns if end_ns >= self._sliced_ns + SLICE_NS * 3 // 4 else None
+
+    def _watched(self) -> list[CameraView]:
+        return [view for camera, view in self._views.items() if camera not in self._ignored]
+
+    def _look(self, network: Network, view: CameraView, end_ns: int) -> CameraLook:
+        tracks = self._tracks.of(view.camera, network, end_ns - WATCHED_NS)
+        t_s: Array = network.since_mid_s(end_ns) - APART_S * (np.arange(INSTANTS, 0, -1, dtype=float) - 0.5)
+        clocks = self._expected_clocks(network, end_ns)
+        clocks_s = {camera.id: float(one) for camera, one in zip(network.cameras, clocks.sigma_s, strict=True)}
+        return look(
+            view, tracks, t_s, Expectations(network.rms_px, self._share.sigma, attitudes_rad(network), clocks_s)
+        )
+
+    def _expected_clocks(self, network: Network, end_ns: int) -> ClockEstimate:
+        """What a clock may be off by: half of what it states, for a bound is the largest error; or its own past."""
+        stated = [self._clock_bound_s.get(camera.id) for camera in network.cameras]
+        wander = self._wander.expected(end_ns, len(stated))
+        silent = np.array([one is None for one in stated])
+        sigma_s = np.array([max((one or 0.0) / 2, DISCIPLINED_SIGMA_S) for one in stated])
+        return ClockEstimate(np.where(silent, wander.off_s, 0.0), np.where(silent, wander.sigma_s, sigma_s))
 
     @staticmethod
-    def _witnesses(cameras: list[str]) -> list[tuple[str, str]]:
-        if len(cameras) <= ALL_PAIRS_UP_TO:
-            return list(combinations(cameras, 2))
-        return [(cameras[k], cameras[(k + n) % len(cameras)]) for k in range(len(cameras)) for n in (1, 2, 3)]
+    def _pairs(cameras: int) -> list[tuple[int, int]]:
+        if cameras <= ALL_PAIRS_UP_TO:
+            return list(combinations(range(cameras), 2))
+        return [(k, (k + n) % cameras) for k in range(cameras) for n in (1, 2, 3)]
 
-    def _check_others(self, network: Network, one: str, other: str) -> Iterator[None]:
-        since_ns = self._now_unix_ns - WATCHED_NS
-        met, _ = meetings(network, (one, other), self._tracks, since_ns)
-        if met is None:
+    def _measure_a_pair(self, network: Network) -> Iterator[None]:
+        """How well rays of one pair meet, for whoever wants to see it."""
+        names = [view.camera.id for view in self._watched()]
+        pairs = [(names[a], names[b]) for a, b in self._pairs(len(names))]
+        if not pairs:
             return
-        self.residual_mrad[one, other] = met.miss_rad * 1e3
-        others = [c.id for c in network.cameras if c.id not in {one, other} | self._ignored]
-        for k in range(min(CHECKED_A_ROUND, len(others))):
-            yield
-            camera = others[(self._turn + k) % len(others)]
-            tracks = self._tracks.of(network.camera(camera), network, since_ns)
-            self._residuals_of(network, camera, met, tracks, self._now_unix_ns)
+        pair = pairs[self._turn % len(pairs)]
+        self._turn += 1
+        met, _ = meetings(network, pair, self._tracks, self._now_unix_ns - WATCHED_NS)
+        if met is not None:
+            self.residual_mrad[pair] = met.miss_rad * 1e3
+        yield
 
-    def _residuals_of(
-        self, network: Network, camera_id: str, met: Meetings, tracks: list[RayTrack], now_unix_ns: int
-    ) -> None:
-        view = self._views[camera_id]
-        shape = met.points.shape[:2]
-        seen = view.sight(met.points.reshape(-1, 3))
-        due = (seen.valid & view.inside(seen.pixels, INSIDE_BY_PX)).reshape(shape).all(axis=1)
-        if not tracks or not due.any():
+    # Judging
+
+    def _judge(self, network: Network, end_ns: int, gone: list[Slice]) -> Iterator[None]:
+        expected = self._expected(network, end_ns)
+        verdicts: list[tuple[Verdict, list[Slice]]] = []
+        verdict: Verdict | None = None
+        for window_ns in WINDOWS_NS:
+            slices = self._memory.since(end_ns - window_ns)
+            if len(slices) < FEWEST_SLICES:
+                continue
+            verdict = judge(slices, expected)
+            if verdict.astray:
+                verdicts.append((verdict, slices))
+            yield
+        if verdict is None:
             return
-        off = np.stack([track.at(met.t_s.ravel()) for track in tracks]) - seen.pixels
-        off = off.reshape(len(tracks), *shape, 2)
-        enough = np.isfinite(off[..., 0]).sum(axis=2) >= LEAST_INSTANTS
-        median = median_low(np.moveaxis(off, 2, 3))
-        miss_px = np.where(enough & due, np.linalg.norm(median, axis=2), np.inf)
-        nearest = np.argmin(miss_px, axis=0)
-        focal = min(view.camera.lens.intrinsics[:2])
-        range_m = np.linalg.norm(met.points - view.camera.centre_enu, axis=2)
-        near = focal / median_low(range_m)
-        noise_px = np.hypot(met.noise_px, near * median_low(met.noise_m))
-        expected_px = np.hypot(focal * attitude_sigma(network, camera_id), near * median_low(met.expected_m))
-        pixels = seen.pixels.reshape(*shape, 2)
-        for m, n in enumerate(nearest):
-            if miss_px[n, m] < NEAR_RAD * focal:
-                velocity = (pixels[m, -1] - pixels[m, 0]) / max(float(met.t_s[m, -1] - met.t_s[m, 0]), 1e-3)
-                residual = Residual(now_unix_ns, median[n, m], velocity, float(noise_px[m]), float(expected_px[m]))
-                self._residuals[camera_id].append(residual)
+        if verdicts:
+            verdict, slices = max(verdicts, key=lambda entry: (entry[0].named, entry[0].worst.score / entry[0].slices))
+            self._suspect(network, verdict, slices)
+            return
+        self._suspected.clear()
+        if verdict.worst.score > CALM:
+            return
+        self._wander.add(end_ns, verdict.clocks)
+        for one in gone:
+            for _, found in one.objects:
+                self._share.learn(found)
 
-    def _decide(self) -> Iterator[None]:
-        """At most one camera a round: the others' residuals are taken afresh without it."""
-        faulty: list[tuple[float, str, FaultEvidence]] = []
-        for camera in list(self._residuals):
-            yield
-            sigma_s = self.clock_sigma_s.get(camera, DISCIPLINED_SIGMA_S)
-            fault = diagnose(self._residuals[camera], self._now_unix_ns, sigma_s)
-            if fault is not None:
-                faulty.append((fault.strength, camera, fault))
-        if faulty:
-            _, camera, fault = max(faulty, key=lambda entry: entry[:2])
-            since_unix_ns = fault.since_unix_ns - WATCHED_NS
-            self._found = [Finding(camera, self._reason(camera, fault), since_unix_ns)]
+    def _suspect(self, network: Network, verdict: Verdict, slices: list[Slice]) -> None:
+        name = network.cameras[verdict.worst.camera].id if verdict.named else None
+        self._suspected.append(name)
+        named = name is not None and self._suspected[-NAMED_ROUNDS:] == [name] * NAMED_ROUNDS
+        among = sorted({int(k) for one in slices for _, found in one.objects for k in found.cameras})
+        rounds = UNNAMED_ROUNDS if len(among) < NAMEABLE else NAMEABLE_ROUNDS
+        if not named and len(self._suspected) < rounds:
+            return
+        since_ns = self._since_ns(verdict.worst, len(network.cameras))
+        miss_rad = max(verdict.turned_rad, verdict.stepped_rad)
+        if named:
+            self._found = [Finding(name, _reason(verdict), since_ns, (), miss_rad)]
+        else:
+            names = tuple(network.cameras[k].id for k in among)
+            reason = f"these cameras disagree: {', '.join(names)}"
+            self._found = [Finding(None, reason, since_ns, names, miss_rad)]
+        self._suspected.clear()
 
-    def _reason(self, camera: str, fault: FaultEvidence) -> str:
-        if fault.clock_s is not None:
-            return f"its clock has stepped by about {-fault.clock_s * 1e3:.0f} ms"
-        focal = min(self._views[camera].camera.lens.intrinsics[:2])
-        return f"it was knocked: its rays miss by {np.degrees((fault.knock_px or 0.0) / focal):.2f} degrees"
+    def _since_ns(self, found: Contradiction, cameras: int) -> int:
+        """The beginning of the first slice of those in a row that the change explains, and one more for the doubt."""
+        since_ns = self._sliced_ns
+        for one in reversed(self._memory.since(0)):
+            if not supports(one, found, cameras):
+                break
+            since_ns = one.t_unix_ns
+        return since_ns - 2 * SLICE_NS
+
+    def _expected(self, network: Network, end_ns: int) -> Expected:
+        clocks = self._expected_clocks(network, end_ns)
+        of_clocks = np.arange(len(network.cameras)) * FAULT_SIZE + POSE_SIZE
+        covariance, mean = self._covariance.copy(), np.zeros(len(self._covariance))
+        covariance[of_clocks, of_clocks], mean[of_clocks] = clocks.sigma_s**2, clocks.off_s
+        focal_px = np.array([min(camera.lens.intrinsics[:2]) for camera in network.cameras], float)
+        stated = [self._clock_bound_s.get(camera.id) for camera in network.cameras]
+        bound_s = np.array([np.inf if one is None else max(one, DISCIPLINED_SIGMA_S) for one in stated], float)
+        return Expected(mean, np.asarray(np.linalg.inv(covariance), float), focal_px, bound_s)
 
     # A stored network
 
     def agrees(self, network: Network, now_unix_ns: int) -> bool | None:
         """Whether rays meet as this network says: True or False once that is clear, None until then."""
         if self._candidate is None or self._candidate.network is not network:
-            self._candidate = _Candidate(network)
-        candidate = self._candidate
-        if abs(now_unix_ns - candidate.asked_ns) < AGREE_EVERY_NS:
-            return None
-        candidate.asked_ns = now_unix_ns
-        pairs = self._witnesses([camera.id for camera in network.cameras])
-        looked = [meetings(network, pair, self._tracks, now_unix_ns - WATCHED_NS) for pair in pairs]
-        met, could = sum(found is not None for found, _ in looked), sum(possible for _, possible in looked)
-        if could < AGREE_PAIRS:
-            return None
-        candidate.since_ns = candidate.since_ns or now_unix_ns
-        # By chance two rays meet now and then; most pairs at once, again and again, only if the network is right.
-        candidate.agreed = candidate.agreed + 1 if met >= max(AGREE_PAIRS, AGREE_SHARE * could) else 0
-        verdict = True if candidate.agreed >= AGREE_TIMES else None
-        if verdict is None and now_unix_ns - candidate.since_ns > REFUSE_NS:
-            verdict = False
+            self._candidate = Candidate(network)
+        names = [camera.id for camera in network.cameras]
+        pairs = [(names[a], names[b]) for a, b in self._pairs(len(names))]
+        verdict = self._candidate.verdict(self._tracks, pairs, now_unix_ns, WATCHED_NS)
         if verdict is not None:
             self._candidate = None
         return verdict
+
+
+def _with_room_for_clocks(network: Network) -> Array:
+    """(7 C, 7 C) covariance of the poses, each camera's followed by its clock's, still zero."""
+    count = len(network.cameras)
+    of_pose = np.concatenate([k * FAULT_SIZE + np.arange(POSE_SIZE) for k in range(count)])
+    covariance = np.zeros((count * FAULT_SIZE, count * FAULT_SIZE))
+    covariance[np.ix_(of_pose, of_pose)] = network.covariance
+    covariance[of_pose, of_pose] += TINY
+    return covariance
+
+
+def _reason(verdict: Verdict) -> str:
+    found = verdict.worst
+    turned = f"{np.degrees(verdict.turned_rad):.2f} degrees"
+    stepped = f"{-found.step_s * 1e3:.0f} ms"
+    if found.cause == "knock":
+        return f"it was knocked: its rays miss by {turned}"
+    if found.cause == "clock":
+        return f"its clock has stepped by about {stepped}"
+    return f"its rays miss by {turned}: it was knocked, or its clock has stepped by about {stepped}"

@@ -181,6 +181,10 @@ class FilterBank:
         self.with_poses, self.t_s = self.with_poses[which], self.t_s[which]
         self.manoeuvre_factor, self.watched = self.manoeuvre_factor[which], self.watched[which]
 
+    def widen(self, sigma_m: Array) -> None:
+        """Make positions more uncertain by sigma_m (N,), and velocities by as much in a second."""
+        self.covariance[:, [0, 1, 2, 3, 4, 5], [0, 1, 2, 3, 4, 5]] += sigma_m[:, None] ** 2
+
     def predict(self, t_s: float) -> PredictedStates:
         """All states at t_s, which may lie a little before them."""
         dt_s = t_s - self.t_s

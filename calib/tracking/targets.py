@@ -38,6 +38,7 @@ DETECTED: Final = 0.8  # how often a camera that sees a target reports it
 CLUTTER_A_FRAME: Final = 1.0
 MISSED: Final = math.log(1 - DETECTED)  # log-likelihood that a target that is there is not reported
 TENTATIVE_S: Final = 1.5  # s a tentative target may go unseen
+MISLED: Final = 2.0  # times what one camera's ray is off, a target may be: two rays that cross at 30 degrees
 TWIN_SIGMA2: Final = 12.0  # squared normalised distance within which two targets are one object, 3 degrees of freedom
 
 
@@ -237,12 +238,37 @@ class Tracker:
         deleted |= (sigma_m > self._options.max_sigma_m) | self._scores.denied
         deleted |= np.linalg.norm(self._bank.state[:, 3:6], axis=1) > 1.5 * self._options.limits.max_speed_m_s
         deleted |= self._twins()
-        if not deleted.any():
+        return self._end(deleted, now_s)
+
+    def dismiss(self) -> list[TargetEstimate]:
+        """Nothing that was seen is believed any more: all targets end. Returns the farewells of confirmed ones."""
+        return self._end(np.ones(len(self._bank), bool), self._newest_s)
+
+    def distrust(self, camera_id: str, miss_rad: float) -> list[TargetEstimate]:
+        """A camera's rays were off by miss_rad for a while: what they did to targets is taken back.
+
+        Targets that it has lately seen become uncertain by as much as its rays were off; those that hang on it and one
+        other camera alone end. Returns the final estimates of confirmed ones.
+        """
+        number = self._number.get(camera_id)
+        if number is None or not len(self._bank):
             return []
-        lost = [self._estimate(k, now_s, TargetState.LOST) for k in np.nonzero(deleted & confirmed)[0].tolist()]
+        seen = self._scores.seen_lately(number)
+        self._scores.forget(number)
+        self._loose = deque((ray for ray in self._loose if ray.camera != number), maxlen=LOOSE_RAYS)
+        away_m = np.linalg.norm(self._bank.state[:, :3] - self.network.cameras[number].centre_enu, axis=1)
+        self._bank.widen(np.where(seen, MISLED * miss_rad * away_m, 0.0))
+        alone = seen & (self._scores.watching(self._newest_s) < 2)
+        return self._end(alone, self._newest_s)
+
+    def _end(self, ended: NDArray[np.bool_], now_s: float) -> list[TargetEstimate]:
+        if not ended.any():
+            return []
+        confirmed = self._scores.confirmed
+        lost = [self._estimate(k, now_s, TargetState.LOST) for k in np.nonzero(ended & confirmed)[0].tolist()]
         self.counters["lost"] += len(lost)
-        self._bank.keep(~deleted)
-        self._scores.keep(~deleted)
+        self._bank.keep(~ended)
+        self._scores.keep(~ended)
         return lost
 
     def _twins(self) -> NDArray[np.bool_]:

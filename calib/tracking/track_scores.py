@@ -134,6 +134,17 @@ class TrackScores:
         rate = self._hits / np.maximum(self._frames, 1e-9)
         return not bool((both & (rate[one] > SUPPORTS) & (rate[other] > SUPPORTS)).any())
 
+    def seen_lately(self, camera: int) -> NDArray[np.bool_]:
+        """Targets (N,) that this camera has lately seen, as of each one's last measurement."""
+        seen: NDArray[np.bool_] = self._seen_s[:, camera] > self.last_s - SEEN_LATELY_S
+        return seen
+
+    def forget(self, camera: int) -> None:
+        """What this camera saw and did not see counts no more."""
+        self.label[:, camera] = NO_LABEL
+        self._hits[:, camera] = self._frames[:, camera] = 0.0
+        self._seen_s[:, camera] = -np.inf
+
     def watching(self, t_s: float) -> NDArray[np.intp]:
         """How many cameras have lately seen each target (N,)."""
         count: NDArray[np.intp] = np.count_nonzero(self._seen_s > t_s - SEEN_LATELY_S, axis=1)

@@ -13,6 +13,7 @@ from tools.doubles.tracks import BoxCamera, SeenFrame, rays_of, tracks_message
 
 SITE: Final = "bench"
 EPOCH: Final = 1  # no box is started twice
+CLOCK_BOUND_S: Final = 0.001  # what a box under chrony states of its clock
 
 
 class Sent(NamedTuple):
@@ -52,24 +53,28 @@ def state_messages(scene: Scene, site: str = SITE) -> Iterator[Sent]:
         yield Sent(T0_UNIX_NS, camera_key(site, camera.id, "fix"), encode(fix_message(camera)))
 
 
-def tracks_messages(scene: Scene, stream: Iterator[tuple[int, Frame]], site: str = SITE) -> Iterator[Sent]:
-    """(arrival ns, frame) of a stream as their boxes would send them."""
+def tracks_messages(
+    scene: Scene, stream: Iterator[tuple[int, Frame]], site: str = SITE, clock_bound_s: float | None = CLOCK_BOUND_S
+) -> Iterator[Sent]:
+    """(arrival ns, frame) of a stream as their boxes would send them. clock_bound_s: as all of them state it."""
     seq: Counter[str] = Counter()
-    for arrival_ns, name, camera, seen in seen_frames(scene, stream):
+    for arrival_ns, name, camera, seen in seen_frames(scene, stream, clock_bound_s):
         message = tracks_message(camera, EPOCH, seq[name], seen)
         seq[name] += 1
         yield Sent(arrival_ns, camera_key(site, name, "tracks"), encode(message))
 
 
-def seen_frames(scene: Scene, stream: Iterator[tuple[int, Frame]]) -> Iterator[tuple[int, str, BoxCamera, SeenFrame]]:
+def seen_frames(
+    scene: Scene, stream: Iterator[tuple[int, Frame]], clock_bound_s: float | None = CLOCK_BOUND_S
+) -> Iterator[tuple[int, str, BoxCamera, SeenFrame]]:
     """(arrival ns, camera's id, camera, frame with its rays) of a stream."""
     ready = list(stream)
-    cameras = {camera.id: BoxCamera(camera.lens, camera.readout_s) for camera in scene.truth}
+    cameras = {camera.id: BoxCamera(camera.lens, camera.readout_s, clock_bound_s) for camera in scene.truth}
     rays = {
         name: iter(rays_of(camera.lens, [frame.pixels for _, frame in ready if frame.camera == name]))
         for name, camera in cameras.items()
     }
     for arrival_ns, frame in ready:
         own = next(rays[frame.camera])
-        seen = SeenFrame(frame.t_unix_ns, frame.pixels, own, frame.label, frame.sigma_px)
+        seen = SeenFrame(frame.t_unix_ns, frame.pixels, own, frame.label, frame.sigma_px, frame.width_px)
         yield arrival_ns, frame.camera, cameras[frame.camera], seen

@@ -149,5 +149,7 @@ def frames(scene: Scene) -> Iterator[tuple[int, Frame]]:
     for k in np.lexsort((stamp, owner, arrival)).tolist():
         own, shown = rows[owner[k]], slice(begin[k], end[k])
         sigma_px = np.full(end[k] - begin[k], scene.spec.noise_px)
-        frame = Frame(names[owner[k]], int(stamp[k]), own.pixels[shown], own.track[shown], sigma_px)
+        frame = Frame(
+            names[owner[k]], int(stamp[k]), own.pixels[shown], own.track[shown], sigma_px, own.size_px[shown, 0]
+        )
         yield int(arrival[k]), frame

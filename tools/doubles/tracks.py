@@ -32,6 +32,7 @@ class SeenFrame:
     rays: Array
     labels: NDArray[np.int64]
     sigma_px: Array | None = None
+    width_px: Array | None = None  # (K,) of the boxes; None: SIZE_PX of all
 
 
 def rays_of(lens: LensModel, pixels: list[Array]) -> list[Array]:
@@ -45,7 +46,8 @@ def rays_of(lens: LensModel, pixels: list[Array]) -> list[Array]:
 def tracks_message(camera: BoxCamera, epoch: int, seq: int, seen: SeenFrame) -> Tracks:
     """A frame as its box would send it; what has no ray in the lens model is left out."""
     sigmas = [None] * len(seen.pixels) if seen.sigma_px is None else seen.sigma_px.tolist()
-    rows = zip(seen.pixels.tolist(), seen.rays.tolist(), seen.labels.tolist(), sigmas, strict=True)
+    widths = [SIZE_PX[0]] * len(seen.pixels) if seen.width_px is None else seen.width_px.tolist()
+    rows = zip(seen.pixels.tolist(), seen.rays.tolist(), seen.labels.tolist(), sigmas, widths, strict=True)
     return Tracks(
         t_unix_ns=seen.t_unix_ns,
         seq=seq,
@@ -60,13 +62,13 @@ def tracks_message(camera: BoxCamera, epoch: int, seq: int, seen: SeenFrame) -> 
                 v_px=v,
                 ray_x=x,
                 ray_y=y,
-                width_px=SIZE_PX[0],
+                width_px=width,
                 height_px=SIZE_PX[1],
                 score=SCORE,
                 sigma_px=sigma,
                 status="confirmed",
             )
-            for (u, v), (x, y), track, sigma in rows
+            for (u, v), (x, y), track, sigma, width in rows
             if math.isfinite(x)
         ],
     )

@@ -63,6 +63,7 @@ class Calibration:
     network: Network | None = None
     report: Solved | None = None
     suspects: dict[str, str] = field(default_factory=dict)  # camera left out: why
+    contradiction: str = ""  # cameras of the network disagree, and which is wrong is not known: no ray is used
     _failure: str = ""
     _failure_action: str = ""
     _jobs: int = 0
@@ -113,7 +114,7 @@ class Calibration:
 
     def _due(self, joined: set[str], shared_s: int, now_unix_ns: int) -> bool:
         grown = shared_s > self._tried_shared_s * RETRY_GROWTH + RETRY_SHARED_S
-        if self.network is None or self._asked:
+        if self.network is None or self.contradiction or self._asked:
             return grown or self._tried_shared_s == 0 or self._asked
         lacking = joined - {camera.id for camera in self.network.cameras} | (joined & self.suspects.keys())
         wait_s = min(self.options.resolve_s, max(SOONEST_S, SOLVER_REST * self._took_s))
@@ -158,6 +159,7 @@ class Calibration:
         self.network, self.report = network, done.solved
         solved = {camera.id for camera in self.network.cameras}
         self.suspects = {camera: why for camera, why in self.suspects.items() if camera not in solved}
+        self.contradiction = ""
         return self.network
 
     def suspect(self, camera: str, why: str) -> None:
@@ -166,10 +168,17 @@ class Calibration:
         self._jobs += 1  # a solve under way has seen it before and after: its answer is not wanted
         self._tried_shared_s = 0
 
+    def contradict(self, why: str) -> None:
+        """Use no camera until all have been calibrated again, from what is seen since."""
+        self.contradiction = why
+        self._jobs += 1
+        self._tried_shared_s = 0
+
     def drop(self, why: str) -> None:
         """The network as a whole is not to be believed."""
         self._before, self.network, self.report = self.network, None, None
         self.suspects.clear()
+        self.contradiction = ""
         self._failure, self._failure_action = why, ""
         self._jobs += 1
         self._tried_shared_s = 0
@@ -177,18 +186,22 @@ class Calibration:
     @property
     def trusted(self) -> set[str]:
         """The cameras whose rays may be used."""
-        if self.network is None:
+        if self.network is None or self.contradiction:
             return set()
         return set(self.network.ids - self.suspects.keys())
 
     def trusts(self, camera: str) -> bool:
         """Whether a camera's rays may be used."""
-        return self.network is not None and camera in self.network.ids and camera not in self.suspects
+        known = self.network is not None and camera in self.network.ids
+        return known and not self.contradiction and camera not in self.suspects
 
     # What to tell
 
     def standing(self, window: Window, sites: dict[str, SiteCamera], busy: bool) -> Standing:
         """State, reason and next action."""
+        if self.network is not None and self.contradiction:
+            why, action = self._collecting(window, sites, busy)
+            return Standing(Phase.SUSPECT, f"no position is sent: {self.contradiction}; {why}", action)
         if self.network is not None and self.suspects:
             names = ", ".join(f"{camera} ({why})" for camera, why in self.suspects.items())
             return Standing(

@@ -245,10 +245,12 @@ class Intake:
             action = "check the box's detector and resolution; such rows are dropped"
             camera.fault("absurd_pixel", fault, action, now_ns, len(confirmed) - len(kept))
         # One array of all, for every frame comes through here: many small ones cost more than all the rules above.
-        rows = np.array([(d.u_px, d.v_px, np.nan if d.sigma_px is None else d.sigma_px) for d in kept], float)
-        rows = rows.reshape(-1, 3)
+        rows = np.array(
+            [(d.u_px, d.v_px, np.nan if d.sigma_px is None else d.sigma_px, d.width_px) for d in kept], float
+        )
+        rows = rows.reshape(-1, 4)
         label = np.array([d.track for d in kept], np.int64)
-        return Frame(camera.id, tracks.t_unix_ns, rows[:, :2], label, rows[:, 2])
+        return Frame(camera.id, tracks.t_unix_ns, rows[:, :2], label, rows[:, 2], rows[:, 3])
 
     def lens(self, camera: CameraIntake, payload: bytes, now_ns: int) -> bool:
         """Take a lens; whether what the camera saw before was through another."""

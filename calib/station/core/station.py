@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from calib.guarding.monitor import DISCIPLINED_SIGMA_S, Guard
+from calib.guarding.monitor import Finding, Guard
 from calib.network import Camera, Network
 from calib.observations import SiteCamera
 from calib.station.config import BaseConfig, CameraSection
@@ -39,7 +39,6 @@ from edge.messages import Lens as LensMessage
 GUARD_NS: Final = NS // 80  # a piece of guarding: sixteen in a round of the guard's
 FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
 SLOW_NS: Final = NS  # health, network, plans
-UNDISCIPLINED_S: Final = 0.05  # s: a camera that says nothing of its clock wanders by so much between calibrations
 LEAST_SIGMA_PX: Final = 0.2  # of a detector that finds none: what an adjustment can tell from a flight's own freedom
 MOST_TARGETS: Final = 1000  # targets; more than ever fly at once
 UNASKED_HZ: Final = 50.0  # how often a target is worked out where no output says how often it wants one
@@ -132,7 +131,8 @@ class Station:
             return []
         if camera.id not in self.muted:
             self.window.add(frame)
-            self.guard.observe(frame)
+            if not camera.flooded:  # among a hundred detections some ray always passes by
+                self.guard.observe(frame)
         self._frame_ns = now_ns
         if camera.id in self.muted:
             return []
@@ -207,8 +207,7 @@ class Station:
             return Tick()
         self._fast_ns = now_ns
         now_unix_ns = self.now_unix_ns(now_ns)
-        targets = self._coast(now_ns, now_unix_ns)
-        self._watch(now_unix_ns)
+        targets = self._coast(now_ns, now_unix_ns) + self._watch(now_unix_ns)
         publish: list[tuple[str, msgspec.Struct]] = []
         message = self.targets(now_unix_ns)
         if message is not None:
@@ -233,19 +232,39 @@ class Station:
         coasting = [e for e in tracker.estimates(now_s) if e.state is TargetState.COASTING]
         return self._export.to_wgs84(coasting + lost, tracker.network.origin)
 
-    def _watch(self, now_unix_ns: int) -> None:
+    def _watch(self, now_unix_ns: int) -> list[OutgoingTarget]:
+        """Ask the guard; returns the farewells of targets that stood on what is no longer believed."""
         for camera in self.intake.cameras.values():
-            bound_s = (
-                UNDISCIPLINED_S if camera.clock_bound_s is None else max(camera.clock_bound_s, DISCIPLINED_SIGMA_S)
-            )
-            self.guard.clock_sigma_s[camera.id] = bound_s
+            self.guard.state_clock(camera.id, camera.clock_bound_s)
+        ended: list[OutgoingTarget] = []
         for finding in self.guard.findings(now_unix_ns):
-            if finding.camera in self.calibration.trusted:
-                self._leave_out(finding.camera, finding.reason, finding.since_unix_ns)
-        if self.calibration.network is not None and len(self.calibration.trusted) < 2:
+            if finding.camera is None:
+                ended += self._hold_back(finding)
+            elif finding.camera in self.calibration.trusted:
+                ended += self._accuse(finding.camera, finding)
+        calibration = self.calibration
+        if calibration.network is not None and not calibration.contradiction and len(calibration.trusted) < 2:
             self._drop("fewer than two cameras are left that nothing speaks against")
         if self._stored is not None:
             self._try_stored(now_unix_ns)
+        return ended
+
+    def _accuse(self, camera: str, finding: Finding) -> list[OutgoingTarget]:
+        """Leave a camera out, and take back what its rays did to targets since the fault."""
+        tracker = self.tracker
+        self._leave_out(camera, finding.reason, finding.since_unix_ns)
+        if tracker is None:
+            return []
+        return self._export.to_wgs84(tracker.distrust(camera, finding.miss_rad), tracker.network.origin)
+
+    def _hold_back(self, finding: Finding) -> list[OutgoingTarget]:
+        """Cameras contradict each other and nobody knows which is wrong: no position is sent on any one's word."""
+        tracker = self.tracker
+        self.calibration.contradict(finding.reason)
+        self.guard.forget()
+        for window in self.window.cameras.values():
+            window.forget_before(finding.since_unix_ns)
+        return [] if tracker is None else self._export.to_wgs84(tracker.dismiss(), tracker.network.origin)
 
     def _clock_was_set(self, camera: CameraIntake, now_ns: int) -> None:
         """A box whose clock was set has two stretches of time; only the new one counts."""
@@ -344,6 +363,8 @@ class Station:
             for camera, why in self.calibration.suspects.items()
         ]
         level: HealthLevel = "ok" if self.standing.phase is Phase.CALIBRATED else "warn"
+        if self.calibration.contradiction:
+            level = "fail"
         checks.append(Check("calibration", level, self.standing.reason, self.standing.action))
         counters = dict(self.counters)
         if self.tracker is not None:

@@ -8,9 +8,11 @@ import calib.guarding.monitor
 from calib.guarding.monitor import Guard
 from tools.doubles.faults import FAULTS, faulty_frames, findings
 from tools.doubles.flight import T0_UNIX_NS, Spec, frames, make
+from tools.doubles.guard_scenes import EVENT_S as DRAWN_EVENT_S
+from tools.doubles.guard_scenes import draw
 
-SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=12.0)
-EVENT_S = 4.0
+SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=18.0)
+EVENT_S = 8.0
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
@@ -22,6 +24,27 @@ def test_the_camera_at_fault_is_the_first_to_be_named(fault) -> None:  # type: i
     assert first.camera == "cam2"
     assert EVENT_S < at_s < EVENT_S + 7.5
     assert first.since_unix_ns < T0_UNIX_NS + at_s * 1e9
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_of_three_cameras_none_is_named_and_that_they_disagree_is_said(fault) -> None:  # type: ignore[no-untyped-def]
+    scene = make(replace(SPEC, cameras=3))
+    found = findings(scene, faulty_frames(scene, fault, EVENT_S))
+    at_s, first = found[0]
+    assert first.camera is None
+    assert first.among == ("cam0", "cam1", "cam2")
+    assert first.reason == "these cameras disagree: cam0, cam1, cam2"
+    assert EVENT_S < at_s < EVENT_S + 7.5
+    assert EVENT_S - 2.0 < (first.since_unix_ns - T0_UNIX_NS) * 1e-9 < at_s
+
+
+@pytest.mark.parametrize("number", range(24, 48))
+def test_random_scenes_name_no_innocent_and_cry_no_wolf(number: int) -> None:
+    drawn = draw(number)
+    for at_s, finding in findings(drawn.scene, drawn.stream(), drawn.bound_s):
+        assert drawn.kind not in ("none", "box"), drawn.name
+        assert at_s > DRAWN_EVENT_S, drawn.name
+        assert finding.camera in ((drawn.victim,) if drawn.scene.spec.cameras > 3 else (None,)), drawn.name
 
 
 def test_nothing_is_found_where_nothing_happens() -> None:

@@ -12,6 +12,7 @@ import pytest
 from calib.network import from_toml, to_toml
 from calib.station.archive import recording
 from calib.station.archive.recording import Recorder
+from calib.station.core.jobs import Solved, SolveResult
 from calib.station.core.station import Station
 from edge.messages import Tracks, encode
 from tests.calib.station.conftest import Fed, station_for
@@ -59,7 +60,10 @@ class Fault(Enum):
                 yield sent
 
     def _stream(self, scene: Scene) -> Iterator[Sent]:
-        kind = {Fault.KNOCKED: KNOCKED, Fault.CLOCK_STEPPED: replace(CLOCK_STEPPED, step_s=0.15)}.get(self)
+        kind = {
+            Fault.KNOCKED: replace(KNOCKED, turn_deg=0.6),
+            Fault.CLOCK_STEPPED: replace(CLOCK_STEPPED, step_s=0.15),
+        }.get(self)
         if kind is None:
             return messages(scene)
         return chain(state_messages(scene), tracks_messages(scene, faulty_frames(scene, kind, EVENT_S)))
@@ -88,11 +92,12 @@ def _moved(payload: bytes, by_ns: int) -> bytes:
     return encode(msgspec.structs.replace(tracks, t_unix_ns=tracks.t_unix_ns + by_ns))
 
 
-def inject(fault: Fault) -> Fed:
-    scene = make(SPEC)
+def inject(fault: Fault, spec: Spec = SPEC) -> Fed:
+    scene = make(spec)
     fed, at_ns = Fed(station_for(scene), scene), T0_UNIX_NS
     for sent in fault.apply(scene):
-        if fed.station.calibration.network is not None:
+        network = fed.station.calibration.network
+        if network is not None and len(network.cameras) == spec.cameras:
             fed.solves = False  # the solver of the tests knows only the healthy network
         while at_ns < sent.arrival_ns - NS // 5:  # time passes in silence too
             at_ns += NS // 10
@@ -114,6 +119,27 @@ def test_a_camera_that_lies_is_left_out_by_name_and_the_others_go_on(fault: Faul
     assert after, fault.value
     assert all("cam2" not in target.cameras for target in after)
     assert fed.errors_m(after_s=suspect_s + 1.0).max() < 1.0
+
+
+@pytest.mark.parametrize("fault", [Fault.KNOCKED, Fault.CLOCK_STEPPED], ids=lambda f: f.name)
+def test_three_cameras_that_disagree_send_nothing_until_they_are_calibrated_again(fault: Fault) -> None:
+    fed = inject(fault, replace(SPEC, cameras=3))
+    station = fed.station
+    assert station.calibration.suspects == {}, "nobody is named"
+    assert station.calibration.trusted == set()
+    suspect_s = next(at_s for at_s, phase in fed.phases if phase == "suspect")
+    assert EVENT_S < suspect_s < EVENT_S + 6.0
+    assert all(target.state == "lost" for at_s, target in fed.sent if at_s > suspect_s), "their ends alone are said"
+    assert {target.track for _, target in fed.sent} == {t.track for _, t in fed.sent if t.state == "lost"}
+    assert station.standing.reason.startswith("no position is sent: these cameras disagree: cam0, cam1, cam2")
+    assert station.standing.action
+    assert station.health is not None
+    assert next(item.level for item in station.health.items if item.name == "calibration") == "fail"
+    kept_ns = min(window.observations().t_unix_ns.min() for window in station.window.cameras.values())
+    assert kept_ns > T0_UNIX_NS + (EVENT_S - 3.0) * NS, "what is solved from next was seen since"
+    solved = Solved(fed.scene.network, 0.1)
+    assert station.solved(SolveResult(station.calibration._jobs, solved, None, 1.0)) is not None
+    assert station.calibration.trusted == fed.scene.network.ids
 
 
 @pytest.mark.parametrize("fault", [Fault.SILENT, Fault.FLOODED], ids=lambda f: f.name)

@@ -1,0 +1,54 @@
+"""The last seconds of evidence, slice by slice, and which objects of one slice are those of the slice before.
+
+The hazard is an object counted twice: its box is off by the same in all its slices, and only the camera's own track
+number tells that they are its slices. An object keeps its number here as long as any camera keeps its.
+"""
+
+from collections import Counter, deque
+from dataclasses import dataclass
+
+from calib.guarding.evidence import ObjectEvidence
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Evidence of one slice that ends at t_unix_ns, each object's with its number."""
+
+    t_unix_ns: int
+    objects: tuple[tuple[int, ObjectEvidence], ...]
+
+
+class EvidenceMemory:
+    """Slices, newest last, no older than the longest window."""
+
+    def __init__(self, longest_ns: int) -> None:
+        self._longest_ns = longest_ns
+        self._slices: deque[Slice] = deque()
+        self._number: dict[tuple[int, int], int] = {}
+        self._next = 0
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._slices.clear()
+        self._number.clear()
+
+    def add(self, t_unix_ns: int, found: list[ObjectEvidence]) -> list[Slice]:
+        """Take a slice; returns those that have become too old."""
+        numbered = tuple((self._number_of(one), one) for one in found)
+        self._number = {key: number for number, one in numbered for key in one.keys}
+        self._slices.append(Slice(t_unix_ns, numbered))
+        gone = []
+        while self._slices[0].t_unix_ns <= t_unix_ns - self._longest_ns:
+            gone.append(self._slices.popleft())
+        return gone
+
+    def _number_of(self, found: ObjectEvidence) -> int:
+        votes = Counter(self._number[key] for key in found.keys if key in self._number)
+        if votes:
+            return votes.most_common(1)[0][0]
+        self._next += 1
+        return self._next
+
+    def since(self, t_unix_ns: int) -> list[Slice]:
+        """Slices with anything in them that ended after an instant, newest last."""
+        return [one for one in self._slices if one.t_unix_ns > t_unix_ns and one.objects]
