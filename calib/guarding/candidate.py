@@ -17,7 +17,7 @@ AGREE_EVERY_NS: Final = 300_000_000
 REFUSE_NS: Final = 6_000_000_000  # of rays that do not meet, after which it is refused
 
 
-class Candidate:
+class StoredTrial:
     """Since when rays could have met, when last looked, how often in a row most met."""
 
     def __init__(self, network: Network) -> None:

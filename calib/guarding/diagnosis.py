@@ -83,7 +83,7 @@ class Ranking:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class GuardVerdict:
     """The strongest contradiction, whether it is one beyond doubt (astray), whether its camera may be named, and over
     how many slices it was found. clocks: if nothing happened.
 
@@ -100,7 +100,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedErrors:
     """What poses and clocks may be off by: mean (7 C,) and inverse (7 C, 7 C) of the joint covariance.
 
     focal_px: (C,). bound_s: (C,) of a clock that states one, else infinite.
@@ -182,7 +182,7 @@ def _without_offsets(found: Sequence[tuple[float, ObjectEvidence]], cameras: int
     )
 
 
-def contradictions(sums: Sums, expected: Expected) -> Ranking:
+def contradictions(sums: Sums, expected: ExpectedErrors) -> Ranking:
     """What each camera's change would explain."""
     posterior = np.linalg.inv(sums.normal + expected.inverse)
     right = sums.right - sums.normal @ expected.mean
@@ -214,7 +214,7 @@ def _fit(left: Array, pull: Array, at: NDArray[np.intp], sigma: float) -> tuple[
     return value, float(value @ pull[at]), cost
 
 
-def judge(slices: Sequence[Slice], expected: Expected) -> Verdict:
+def judge(slices: Sequence[Slice], expected: ExpectedErrors) -> GuardVerdict:
     """Whether a window's rays contradict each other, and whether one camera may be named for it."""
     ranking = contradictions(summed(slices, len(expected.focal_px)), expected)
     worst, second = ranking.found[:2]
@@ -227,7 +227,7 @@ def judge(slices: Sequence[Slice], expected: Expected) -> Verdict:
     astray = by_turn or by_step
     named = astray and clear and bool(fits) and _has_witnesses(slices, worst.camera)
     focal_px = float(expected.focal_px[worst.camera])
-    return Verdict(worst, astray, named, len(slices), turned_px / focal_px, stepped_px / focal_px, ranking.clocks)
+    return GuardVerdict(worst, astray, named, len(slices), turned_px / focal_px, stepped_px / focal_px, ranking.clocks)
 
 
 def _moved_px(slices: Sequence[Slice], found: Contradiction) -> tuple[float, float]:

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from calib.guarding.boxshare import BoxShare
-from calib.guarding.candidate import Candidate
-from calib.guarding.diagnosis import Contradiction, Expected, Verdict, judge, supports
+from calib.guarding.candidate import StoredTrial
+from calib.guarding.diagnosis import Contradiction, ExpectedErrors, GuardVerdict, judge, supports
 from calib.guarding.evidence import FAULT_SIZE, evidence
 from calib.guarding.looks import APART_S, CameraLook, Expectations, attitudes_rad, look
 from calib.guarding.meetings import meetings
@@ -83,7 +83,7 @@ class Guard:
         self._suspected: list[str | None] = []  # of the last rounds in a row that contradict: who, if anybody
         self._found: list[Finding] = []
         self._frozen: dict[str, tuple[bytes, int, int]] = {}  # pixels, since, frames
-        self._candidate: Candidate | None = None
+        self._candidate: StoredTrial | None = None
         self._clock_bound_s: dict[str, float | None] = {}  # as each camera states it of its own clock
         self.residual_mrad: dict[tuple[str, str], float] = {}
 
@@ -230,8 +230,8 @@ class Guard:
 
     def _judge(self, network: Network, end_ns: int, gone: list[Slice]) -> Iterator[None]:
         expected = self._expected(network, end_ns)
-        verdicts: list[tuple[Verdict, list[Slice]]] = []
-        verdict: Verdict | None = None
+        verdicts: list[tuple[GuardVerdict, list[Slice]]] = []
+        verdict: GuardVerdict | None = None
         for window_ns in WINDOWS_NS:
             slices = self._memory.since(end_ns - window_ns)
             if len(slices) < FEWEST_SLICES:
@@ -254,7 +254,7 @@ class Guard:
             for _, found in one.objects:
                 self._share.learn(found)
 
-    def _suspect(self, network: Network, verdict: Verdict, slices: list[Slice]) -> None:
+    def _suspect(self, network: Network, verdict: GuardVerdict, slices: list[Slice]) -> None:
         name = network.cameras[verdict.worst.camera].id if verdict.named else None
         self._suspected.append(name)
         named = name is not None and self._suspected[-NAMED_ROUNDS:] == [name] * NAMED_ROUNDS
@@ -281,7 +281,7 @@ class Guard:
             since_ns = one.t_unix_ns
         return since_ns - 2 * SLICE_NS
 
-    def _expected(self, network: Network, end_ns: int) -> Expected:
+    def _expected(self, network: Network, end_ns: int) -> ExpectedErrors:
         clocks = self._expected_clocks(network, end_ns)
         of_clocks = np.arange(len(network.cameras)) * FAULT_SIZE + POSE_SIZE
         covariance, mean = self._covariance.copy(), np.zeros(len(self._covariance))
@@ -289,14 +289,14 @@ class Guard:
         focal_px = np.array([min(camera.lens.intrinsics[:2]) for camera in network.cameras], float)
         stated = [self._clock_bound_s.get(camera.id) for camera in network.cameras]
         bound_s = np.array([np.inf if one is None else max(one, DISCIPLINED_SIGMA_S) for one in stated], float)
-        return Expected(mean, np.asarray(np.linalg.inv(covariance), float), focal_px, bound_s)
+        return ExpectedErrors(mean, np.asarray(np.linalg.inv(covariance), float), focal_px, bound_s)
 
     # A stored network
 
     def agrees(self, network: Network, now_unix_ns: int) -> bool | None:
         """Whether rays meet as this network says: True or False once that is clear, None until then."""
         if self._candidate is None or self._candidate.network is not network:
-            self._candidate = Candidate(network)
+            self._candidate = StoredTrial(network)
         names = [camera.id for camera in network.cameras]
         pairs = [(names[a], names[b]) for a, b in self._pairs(len(names))]
         verdict = self._candidate.verdict(self._tracks, pairs, now_unix_ns, WATCHED_NS)
@@ -315,7 +315,7 @@ def _with_room_for_clocks(network: Network) -> Array:
     return covariance
 
 
-def _reason(verdict: Verdict) -> str:
+def _reason(verdict: GuardVerdict) -> str:
     found = verdict.worst
     turned = f"{np.degrees(verdict.turned_rad):.2f} degrees"
     stepped = f"{-found.step_s * 1e3:.0f} ms"

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.guarding.diagnosis import Expected
+from calib.guarding.diagnosis import ExpectedErrors
 from calib.guarding.evidence import FAULT_SIZE, evidence
 from calib.guarding.looks import CameraLook, Expectations, attitudes_rad, look
 from calib.guarding.memory import EvidenceMemory, Slice
@@ -52,7 +52,7 @@ def slices_of(scene: Scene, stream: Iterator[tuple[int, Frame]]) -> list[Slice]:
     return memory.since(0)
 
 
-def expected_of(scene: Scene, bound_s: float | None) -> Expected:
+def expected_of(scene: Scene, bound_s: float | None) -> ExpectedErrors:
     """What an honest scene may be off by. bound_s: of all clocks."""
     count = len(scene.network.cameras)
     covariance = np.zeros((count * FAULT_SIZE, count * FAULT_SIZE))
@@ -61,4 +61,4 @@ def expected_of(scene: Scene, bound_s: float | None) -> Expected:
     of_clock = np.arange(count) * FAULT_SIZE + POSE_SIZE
     covariance[of_clock, of_clock] = (UNDISCIPLINED_SIGMA_S if bound_s is None else DISCIPLINED_SIGMA_S) ** 2
     bound = np.full(count, np.inf if bound_s is None else bound_s)
-    return Expected(np.zeros(len(covariance)), np.linalg.inv(covariance), np.full(count, 1300.0), bound)
+    return ExpectedErrors(np.zeros(len(covariance)), np.linalg.inv(covariance), np.full(count, 1300.0), bound)

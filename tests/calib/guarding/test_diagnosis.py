@@ -10,7 +10,7 @@ from calib.guarding.diagnosis import (
     STEP_S,
     TURN_RAD,
     Contradiction,
-    Expected,
+    ExpectedErrors,
     Sums,
     contradictions,
     judge,
@@ -38,7 +38,7 @@ def test_a_score_is_what_a_fit_with_that_change_takes_off_the_sum_of_squares() -
     sums, design, off = random_sums(rng)
     size = CAMERAS * FAULT_SIZE
     inverse = np.diag(rng.uniform(0.5, 2.0, size))
-    expected = Expected(np.zeros(size), inverse, np.full(CAMERAS, 1000.0), np.full(CAMERAS, np.inf))
+    expected = ExpectedErrors(np.zeros(size), inverse, np.full(CAMERAS, 1000.0), np.full(CAMERAS, np.inf))
 
     def least(columns: np.ndarray, prior: np.ndarray) -> float:
         rows = np.vstack([columns, np.linalg.cholesky(prior).T])
@@ -69,8 +69,8 @@ def test_clocks_are_held_against_where_they_are_expected() -> None:
     mean = np.random.default_rng(9).normal(size=size)
     moved = Sums(sums.normal, sums.right + sums.normal @ mean, sums.squares, sums.freedom)
     focal, bound = np.full(CAMERAS, 1000.0), np.full(CAMERAS, np.inf)
-    plain = contradictions(sums, Expected(np.zeros(size), np.eye(size), focal, bound))
-    about = contradictions(moved, Expected(mean, np.eye(size), focal, bound))
+    plain = contradictions(sums, ExpectedErrors(np.zeros(size), np.eye(size), focal, bound))
+    about = contradictions(moved, ExpectedErrors(mean, np.eye(size), focal, bound))
     assert [one.score for one in about.found] == pytest.approx([one.score for one in plain.found])
 
 
