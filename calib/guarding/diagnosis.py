@@ -25,15 +25,15 @@ from calib.network import POSE_SIZE
 from edge.common.arrays import Array
 from edge.common.units import NS
 
-TURN_RAD: Final = 0.035  # 2 degrees, one sigma of what a knock turns a camera by
-STEP_S: Final = 0.3  # one sigma of what a clock steps by
+TURN_SIGMA_RAD: Final = 0.035  # 2 degrees, one sigma of what a knock turns a camera by
+STEP_SIGMA_S: Final = 0.3  # one sigma of what a clock steps by
 CLOCK_BELIEF: Final = (
     8.0  # nats: at most so much is a stated bound worth against a step; a bound may be a lie, once in 3000
 )
 TELLS_CAUSE: Final = 4.0  # nats between the two causes, before one is told
 ASTRAY: Final = 30.0  # taken off the sum of squares by one camera's change: then something is wrong
-MARGIN: Final = 16.0  # by which it must take off more than any other camera's change, to be named
-MARGIN_SHARE: Final = 0.15  # and this share of it
+NAMING_MARGIN: Final = 16.0  # by which it must take off more than any other camera's change, to be named
+NAMING_MARGIN_SHARE: Final = 0.15  # and this share of it
 WITNESSES: Final = 3  # other cameras that agree about one object
 SUPPORTED: Final = 0.5  # share of a window's slices in which they do
 UNEXPLAINED: Final = 0.15  # of what is explained: more left over, and it is not the cause, or not yet the whole of it
@@ -42,8 +42,8 @@ DRIFTS_PER_S: Final = 0.3  # of its offset a box drifts a second: an object that
 STRETCH_NS: Final = 3_000_000_000  # of flight, in which that drift is as good as straight
 LEAST_PX: Final = 1.5  # less moves a target by less than its sigma
 LEAST_STEP_S: Final = 0.008
-ROTATION: Final = np.arange(3)
-CLOCK: Final = np.array([POSE_SIZE])
+OF_TURN: Final = np.arange(3)
+OF_STEP: Final = np.array([POSE_SIZE])
 
 
 @dataclass(frozen=True)
@@ -192,15 +192,15 @@ def contradictions(sums: Sums, expected: ExpectedErrors) -> Ranking:
     pull = right - back @ right
     found = [_contradiction(k, left, pull, float(expected.bound_s[k])) for k in range(len(expected.focal_px))]
     unexplained = squares - float(right @ posterior @ right) - sums.freedom
-    of_clocks = np.arange(len(found)) * FAULT_SIZE + CLOCK
+    of_clocks = np.arange(len(found)) * FAULT_SIZE + OF_STEP
     off_s = (expected.mean + posterior @ right)[of_clocks]
     clocks = ClockEstimate(off_s, np.sqrt(np.diag(posterior)[of_clocks]))
     return Ranking(sorted(found, key=lambda one: -one.score), unexplained, sums.freedom, clocks)
 
 
 def _contradiction(camera: int, left: Array, pull: Array, bound_s: float) -> Contradiction:
-    turn, turn_score, turn_cost = _fit(left, pull, camera * FAULT_SIZE + ROTATION, TURN_RAD)
-    step, step_score, step_cost = _fit(left, pull, camera * FAULT_SIZE + CLOCK, STEP_S)
+    turn, turn_score, turn_cost = _fit(left, pull, camera * FAULT_SIZE + OF_TURN, TURN_SIGMA_RAD)
+    step, step_score, step_cost = _fit(left, pull, camera * FAULT_SIZE + OF_STEP, STEP_SIGMA_S)
     belief = min((float(step[0]) / bound_s) ** 2 / 2, CLOCK_BELIEF)
     odds = (turn_score - step_score) / 2 - turn_cost + step_cost + belief
     return Contradiction(camera, max(turn_score, step_score), turn, float(step[0]), odds, turn_score, step_score)
@@ -221,7 +221,7 @@ def judge(slices: Sequence[Slice], expected: ExpectedErrors) -> GuardVerdict:
     turned_px, stepped_px = _moved_px(slices, worst)
     by_turn = worst.by_turn >= ASTRAY and turned_px > LEAST_PX
     by_step = worst.by_step >= ASTRAY and stepped_px > LEAST_PX and abs(worst.step_s) > LEAST_STEP_S
-    clear = worst.score - second.score > max(MARGIN, MARGIN_SHARE * worst.score)
+    clear = worst.score - second.score > max(NAMING_MARGIN, NAMING_MARGIN_SHARE * worst.score)
     over = ranking.unexplained - worst.score
     fits = over < UNEXPLAINED * worst.score + FREEDOM_SIGMA * np.sqrt(2.0 * ranking.freedom)
     astray = by_turn or by_step
@@ -262,7 +262,7 @@ def supports(one: Slice, found: Contradiction, cameras: int) -> bool:
     """Whether a slice, by itself, is better explained with the change than without."""
     sums = summed([one], cameras)
     knocked = found.knock_odds > 0
-    at = found.camera * FAULT_SIZE + (ROTATION if knocked else CLOCK)
+    at = found.camera * FAULT_SIZE + (OF_TURN if knocked else OF_STEP)
     value = found.turn_rad if knocked else np.array([found.step_s])
     gain = 2 * value @ sums.right[at] - value @ sums.normal[np.ix_(at, at)] @ value
     return bool(gain > 0)

@@ -11,21 +11,21 @@ from typing import Final
 
 import numpy as np
 
+from calib.guarding.meetings import LEAST_NOISE_PX
 from calib.guarding.raytracks import RayTrack
 from calib.network import Camera, Network, pose_of
 from calib.sighting import CameraView
 from edge.common.arrays import Array
 
-LEAST_NOISE_PX: Final = 0.4  # a lens model is no better
 LASTING_PX: Final = 0.3  # one sigma of a lens model's error, which stays while an object passes
 UNSAID_WIDTH_PX: Final = 8.0  # of a box that nobody told the width of
-WHITE_S: Final = 0.1  # s: errors gone so soon are noise
+FADES_S: Final = 0.1  # s: errors gone so soon are noise
 LASTS_S: Final = 1.0  # s: errors that stay so long are no noise at all
 MEDIAN_SHARE: Final = 0.6  # of the noise, in the median of a slice's instants
 BETWEEN_ROWS: Final = (
     0.9  # of a row's noise, in a pixel between two: sqrt(2 / 3) in the mean, and neighbours share rows
 )
-APART_S: Final = 0.1  # between a slice's instants
+INSTANTS_APART_S: Final = 0.1  # between a slice's instants
 
 
 @dataclass(frozen=True)
@@ -109,14 +109,14 @@ def look(view: CameraView, tracks: list[RayTrack], t_s: Array, expected: Expecta
 def _noise_px(camera: Camera, track: RayTrack, rms_px: float) -> float:
     """One sigma of a track's pixel at an instant; rows rarer than instants say less than their number."""
     found = max(LEAST_NOISE_PX, rms_px, track.rough_px, camera.sigma_px or 0.0)
-    return BETWEEN_ROWS * found * float(np.sqrt(max(1.0, track.every_s / APART_S)))
+    return BETWEEN_ROWS * found * float(np.sqrt(max(1.0, track.every_s / INSTANTS_APART_S)))
 
 
 def _lasting_px(camera: Camera) -> float:
     """What the adjustment found of a camera's pixels that outlives a slice."""
     if camera.sigma_px is None:
         return 0.0
-    share = float(np.clip((camera.correlated_s - WHITE_S) / (LASTS_S - WHITE_S), 0.0, 1.0))
+    share = float(np.clip((camera.correlated_s - FADES_S) / (LASTS_S - FADES_S), 0.0, 1.0))
     return camera.sigma_px * float(np.sqrt(share))
 
 

@@ -17,7 +17,7 @@ from calib.guarding.boxshare import BoxShare
 from calib.guarding.candidate import StoredTrial
 from calib.guarding.diagnosis import Contradiction, ExpectedErrors, GuardVerdict, judge, supports
 from calib.guarding.evidence import FAULT_SIZE, evidence
-from calib.guarding.looks import APART_S, CameraLook, Expectations, attitudes_rad, look
+from calib.guarding.looks import INSTANTS_APART_S, CameraLook, Expectations, attitudes_rad, look
 from calib.guarding.meetings import meetings
 from calib.guarding.memory import EvidenceMemory, Slice
 from calib.guarding.objects import Grouping
@@ -29,7 +29,7 @@ from calib.sighting import CameraView
 from edge.common.arrays import Array
 
 SLICE_NS: Final = 500_000_000  # of rays that are compared at once, and time between two rounds
-INSTANTS: Final = 5  # of a slice, APART_S apart
+INSTANTS: Final = 5  # of a slice, INSTANTS_APART_S apart
 DONE: Final = object()  # what a round that is over gives
 WATCHED_NS: Final = 1_000_000_000  # of rays looked at: longer, and an old pose speaks with the new
 WAITED_NS: Final = 1_000_000_000  # for the slowest camera; one that is farther behind is not compared
@@ -192,7 +192,7 @@ class Guard:
 
     def _look(self, network: Network, view: CameraView, end_ns: int) -> CameraLook:
         tracks = self._tracks.of(view.camera, network, end_ns - WATCHED_NS)
-        t_s: Array = network.since_mid_s(end_ns) - APART_S * (np.arange(INSTANTS, 0, -1, dtype=float) - 0.5)
+        t_s: Array = network.since_mid_s(end_ns) - INSTANTS_APART_S * (np.arange(INSTANTS, 0, -1, dtype=float) - 0.5)
         clocks = self._expected_clocks(network, end_ns)
         clocks_s = {camera.id: float(one) for camera, one in zip(network.cameras, clocks.sigma_s, strict=True)}
         return look(

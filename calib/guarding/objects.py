@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from calib.geometry.rays import LEAST_SINE2, nearest_point
 from calib.guarding.looks import CameraLook
-from calib.guarding.meetings import median_low
+from calib.guarding.meetings import MATCH_SIGMA, NEAREST_M, median_low
 from edge.common.arrays import Array
 
-MATCH_SIGMA: Final = 3.0  # rays meet; a track is where it should be
 AGREE: Final = 3  # cameras about one point, before it is believed without looking further
 LEAST_INSTANTS: Final = 3  # of a slice, that tracks must have in common
-NEAREST_M: Final = 1.0
 INSIDE_BY_PX: Final = 5.0
 NEAR_RAD: Final = 0.06  # 3.4 degrees: what is farther from where it should be is another object
 

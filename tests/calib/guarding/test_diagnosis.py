@@ -7,8 +7,8 @@ import pytest
 
 from calib.guarding.diagnosis import (
     CLOCK_BELIEF,
-    STEP_S,
-    TURN_RAD,
+    STEP_SIGMA_S,
+    TURN_SIGMA_RAD,
     Contradiction,
     ExpectedErrors,
     Sums,
@@ -49,8 +49,8 @@ def test_a_score_is_what_a_fit_with_that_change_takes_off_the_sum_of_squares() -
     for found in contradictions(sums, expected).found:
         own = found.camera * FAULT_SIZE
         for at, sigma, score in (
-            (own + np.arange(3), TURN_RAD, found.by_turn),
-            (own + np.array([POSE_SIZE]), STEP_S, found.by_step),
+            (own + np.arange(3), TURN_SIGMA_RAD, found.by_turn),
+            (own + np.array([POSE_SIZE]), STEP_SIGMA_S, found.by_step),
         ):
             prior = np.block(
                 [
