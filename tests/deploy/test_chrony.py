@@ -79,3 +79,18 @@ def test_earlier_versions_file_goes_for_debians_own_came_after_it(tmp_path: Path
 def test_wrong_words_are_refused(tmp_path: Path, words: tuple[str, ...]) -> None:
     assert lay(tmp_path, *words).returncode == 2
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.program("chronyd")
+def test_a_base_with_certificates_proves_its_time_and_a_box_asks_for_that_only_where_it_can(tmp_path: Path) -> None:
+    certs = tmp_path / "skyfix/certs"
+    certs.mkdir(parents=True)
+    for name in ("key.pem", "certificate.pem", "authority.pem"):
+        (certs / name).write_text("x")
+    assert "authenticated" in lay(tmp_path, "base-ntp").stdout
+    base = (tmp_path / "chrony/skyfix.conf").read_text()
+    assert f"ntsserverkey {tmp_path}/chrony/skyfix-key.pem" in base
+    assert (tmp_path / "chrony/skyfix-key.pem").stat().st_mode & 0o007 == 0
+    silent = lay(tmp_path, "box", "127.0.0.1")  # nobody listens for NTS there
+    assert "the base does not prove its time" in silent.stderr
+    assert " nts" not in (tmp_path / "chrony/skyfix.conf").read_text()

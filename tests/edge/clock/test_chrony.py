@@ -1,15 +1,17 @@
 """Whom chronyd follows, by real daemons: a base that follows nobody, and one that the internet contradicts."""
 
+import datetime as dt
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib.station.certs.authority import Authority
 from edge.clock.chrony import conflict_of, of_chrony, read_chrony
 from edge.clock.state import ClockState, check_clock
 from tests.conftest import Until
-from tests.edge.clock.daemons import asked, chronyds, following, serving
+from tests.edge.clock.daemons import NTP_PORT, asked, chronyds, following, serving
 from tests.places import DEPLOY
 
 LIMIT_S = 0.01
@@ -80,3 +82,22 @@ def _reason(number: int) -> str:
 def _conflict(number: int) -> str:
     state = read_chrony(*asked(number))
     return "" if state is None else state.conflict
+
+
+@pytest.mark.program("chronyd")
+def test_a_box_takes_time_from_whoever_proves_to_be_its_base_and_from_nobody_else(tmp_path: Path, until: Until) -> None:
+    """NTS with the site's own certificates, as deploy/chrony/lay.sh lays them; and a base of another authority."""
+    now = dt.datetime.now(dt.UTC)
+    for name in ("ours", "others"):
+        authority = Authority.create(tmp_path / name, "hill", now)
+        authority.issue("base", "station", cameras=(), addresses=("127.0.0.1",), days=30, now=now)
+    own = tmp_path / "ours/issued/base"
+    port = NTP_PORT + 5000
+    base = f"{serving(1, 'stratum 3')}\nntsport {port}\nntsserverkey {own}/key.pem\nntsservercert {own}/certificate.pem"
+    boxes = [
+        f"{following(f'1 nts ntsport {port}')}\nntstrustedcerts {tmp_path / name}/authority.pem\nnosystemcert"
+        for name in ("ours", "others")
+    ]
+    with chronyds(tmp_path, base, *boxes):
+        assert until(lambda: "follows 127.0.0.1" in _reason(1), within_s=SETTLES_S), _reason(1)
+        assert "no source it trusts" in _reason(2)
