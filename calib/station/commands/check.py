@@ -29,6 +29,7 @@ from edge.link.ports import place, why_not_free
 from edge.link.security import Bearer, check_security
 
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
+ASKED_FOR: Final = ("versions", "recordings")  # findings that only the station that runs can have
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
 
 
@@ -84,6 +85,9 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
 def _told_by(running: Running) -> Iterator[Line]:
     reason = f"version {running.version} runs here: {running.phase}"
     yield Line("PASS", "running station", f"{reason}, {running.reason}" if running.reason else reason)
+    for said in running.health.items:
+        if said.name in ASKED_FOR:
+            yield Line("PASS" if said.level == "ok" else "WARN", said.name, said.reason, said.action)
     for each in running.endpoints:
         name = f"{each.output} {each.url}"
         if each.last_error:

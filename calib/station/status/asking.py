@@ -19,6 +19,21 @@ from edge.link.ports import EVERYWHERE, LOOPBACK
 ANSWERS_WITHIN_S: Final = 10.0  # the page's process may have to be started for the answer
 
 
+class RunningFinding(msgspec.Struct, frozen=True, kw_only=True):
+    """One finding of its health. level: a word of its version's, which may be a later one."""
+
+    name: str
+    level: str
+    reason: str
+    action: str = ""
+
+
+class RunningHealth(msgspec.Struct, frozen=True, kw_only=True):
+    """Its findings."""
+
+    items: list[RunningFinding] = []
+
+
 class Running(msgspec.Struct, frozen=True, kw_only=True):
     """What of a running station's status is asked for; the rest is not read."""
 
@@ -27,6 +42,7 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
     phase: str
     reason: str
     endpoints: list[EndpointStatus]
+    health: RunningHealth = RunningHealth()
 
 
 def running_station(status: StatusSection, folder: Path) -> Running | None:

@@ -4,11 +4,13 @@ import socket
 import threading
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from calib.station.app import main
-from calib.station.commands.check import Line, examine
+from calib.station.commands.check import Line, _told_by, examine
 from calib.station.config import BaseConfig
+from calib.station.status.asking import Running
 from tests.calib.station.running import calibrated_before, configured, running, turned_until, udp_ear
 from tools.doubles.ports import free_port
 
@@ -86,3 +88,14 @@ def test_a_station_that_runs_is_asked_and_not_fought_for_its_ports(tmp_path: Pat
     assert receiver.verdict == "PASS"
     assert {name for name, line in found.items() if line.verdict == "FAIL"} == set()
     assert "status page" not in found
+
+
+def test_a_mix_of_versions_is_told_by_the_station_that_runs() -> None:
+    status = {"site": "hill", "version": "0.3.0", "phase": "calibrated", "reason": "", "endpoints": []}
+    mix = {"name": "versions", "level": "concerned", "reason": "this is 0.3.0; cam1 runs 0.2.0"}
+    other = {"name": "camera cam1", "level": "ok", "reason": "sends frames"}
+    running = msgspec.convert(status | {"health": {"items": [mix, other]}}, Running)
+    told = {line.name: line for line in _told_by(running)}
+    assert told["versions"] == Line("WARN", "versions", "this is 0.3.0; cam1 runs 0.2.0")
+    assert set(told) == {"running station", "versions"}
+    assert [line.name for line in _told_by(msgspec.convert(status, Running))] == ["running station"]  # an older one
