@@ -14,7 +14,7 @@ from calib.solving.clock_consensus import Clock
 from calib.solving.georeference import Georeference, georeference
 from calib.solving.identity import Key, identify
 from calib.solving.inputs import Inputs
-from calib.solving.reasons import refuse_bent, too_few_poses
+from calib.solving.reasons import refuse_alone, refuse_bent, too_few_poses
 from calib.solving.scaffold import Pose, Scaffold, build, threshold_ray
 from calib.solving.series import TrackSeries
 from calib.solving.strain import Believed
@@ -41,6 +41,7 @@ def from_scaffold(inputs: Inputs, clocks: dict[str, Clock], *, local: bool) -> I
     Raises CalibrationError with what is missing.
     """
     tracks, offsets = at_pace(inputs.tracks, clocks), {name: clock.offset_s for name, clock in clocks.items()}
+    refuse_alone(inputs, tracks)
     scaffold = build(tracks, offsets)
     refuse_bent(inputs, tracks, offsets, scaffold)
     objects = _objects(tracks, offsets, scaffold.poses)

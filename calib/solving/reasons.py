@@ -16,11 +16,29 @@ from calib.solving.inputs import Inputs
 from calib.solving.readings import other_sizes
 from calib.solving.scaffold import GOOD_SHARE, Scaffold, build
 from calib.solving.series import TrackSeries
-from calib.solving.unposed import Known, Unposed, Why, known_of, why_without_pose
+from calib.solving.unposed import Known, Unposed, Why, explained_share, known_of, why_without_pose
 
 FRAME_NEEDS: Final = 3  # surveyed cameras that have a pose, where none says where up is
-
+FEWEST_CAMERAS: Final = 2  # of anything that is seen together
+WHOLE_SHARE: Final = 0.97  # of its rows, that a right lens file explains; with a wrong one two cameras reach 0.96
+CHANCE_SHARE: Final = 0.1  # that rows of something else explain; those of a wrong lens file explain twice as many
+DO_THAT: Final = "do that, and solve again"
 Tracks = dict[str, list[TrackSeries]]  # of the cameras with a usable clock, at its pace
+
+
+def refuse_alone(inputs: Inputs, tracks: Tracks) -> None:
+    """Raises CalibrationError for a site of which fewer than two cameras can take part, with the reason of each."""
+    if len(tracks) < FEWEST_CAMERAS:
+        whose = {
+            why: [name for name, own in sorted(inputs.left_out.items()) if own == why]
+            for why in inputs.left_out.values()
+        }
+        whys = "; ".join(f"{', '.join(names)}: {why}" for why, names in sorted(whose.items()))
+        raise CalibrationError(
+            f"{len(tracks)} of {len(inputs.sites)} cameras can take part, two must: {whys}",
+            where="tracks",
+            action=DO_THAT,
+        )
 
 
 def refuse_bent(inputs: Inputs, tracks: Tracks, offsets: dict[str, float], scaffold: Scaffold) -> None:
@@ -31,7 +49,7 @@ def refuse_bent(inputs: Inputs, tracks: Tracks, offsets: dict[str, float], scaff
     """
     shares = [pose.share for pose in scaffold.poses.values()]
     doubtful = len(shares) < len(offsets) and (min(shares) < GOOD_SHARE or len(shares) < FRAME_NEEDS)
-    if doubtful and (every := _wrong_in_all(inputs, tracks, offsets)):
+    if doubtful and not _apart(tracks, offsets, scaffold) and (every := _wrong_in_all(inputs, tracks, offsets)):
         raise CalibrationError(every.what, where="lens files", action=every.cure)
 
 
@@ -47,12 +65,15 @@ def too_few_poses(
     posed = len(surveyed) - len(unposed)
     if not unposed or posed >= FRAME_NEEDS:
         return None
+    apart = _apart(tracks, offsets, scaffold)
+    if apart is not None:
+        return CalibrationError(apart.what, where="georeferencing", action=apart.cure)
     known = Known(scaffold.t_s, scaffold.points)
     whys = [_why(name, known, inputs, tracks, offsets) for name in unposed]
     return CalibrationError(
         f"{posed} of {len(surveyed)} surveyed cameras have a pose, three must: " + "; ".join(why.what for why in whys),
         where="georeferencing",
-        action="; ".join(why.cure for why in whys),
+        action="; ".join(why.cure for why in whys if why.cure) or DO_THAT,
     )
 
 
@@ -73,10 +94,33 @@ def why_left_out(
 
 def _why(name: str, known: Known, inputs: Inputs, tracks: Tracks, offsets: dict[str, float]) -> Why:
     if name not in tracks:
-        what = inputs.left_out.get(name, "it saw nothing")
-        return Why(Cause.TRACKS, name, f"{name} is left out: {what}", f"mend that of {name}")
+        return Why(Cause.TRACKS, name, f"{name} is left out: {inputs.left_out.get(name, 'it saw nothing')}", "")
     camera = Unposed(inputs.sites[name], inputs.scene.observations[name], tracks[name], offsets[name])
     return why_without_pose(known, camera)
+
+
+def _apart(tracks: Tracks, offsets: dict[str, float], scaffold: Scaffold) -> Why | None:
+    """What lacks between the scaffold and the other cameras, if those fit one another and so are well themselves.
+
+    Two cameras nearly always fit somehow: so both parts must fit wholly, and the others explain nothing of the first.
+    """
+    others, known = sorted(set(offsets) - set(scaffold.poses)), Known(scaffold.t_s, scaffold.points)
+    seen = [explained_share(known, tracks[name], offsets[name]) for name in others]
+    if len(others) < FEWEST_CAMERAS or max(seen) > CHANCE_SHARE or not _whole(scaffold):
+        return None
+    try:
+        own = build({name: tracks[name] for name in others}, {name: offsets[name] for name in others})
+    except CalibrationError:
+        return None
+    if len(own.poses) < len(others) or not _whole(own):
+        return None
+    here, there = " and ".join(sorted(scaffold.poses)), " and ".join(others)
+    what = f"{here} fit one another and so do {there}, but no object was seen by both for long enough"
+    return Why(Cause.VIEWS, "", what, "fly one object where all of them see it at the same time")
+
+
+def _whole(scaffold: Scaffold) -> bool:
+    return min(pose.share for pose in scaffold.poses.values()) >= WHOLE_SHARE
 
 
 def _wrong_in_all(inputs: Inputs, tracks: Tracks, offsets: dict[str, float]) -> Why | None:

@@ -78,7 +78,7 @@ def why_without_pose(known: Known, camera: Unposed) -> Why:
         return Why(
             best.cause, name, f"{name} has no pose as it is, but its rows fit {best.what}", f"for {name}, {best.cure}"
         )
-    share = _share(known, camera.tracks, camera.offset_s)
+    share = explained_share(known, camera.tracks, camera.offset_s)
     what = f"no pose explains more than {100 * share:.0f} % of the rows of {name}"
     tried = "nor with another focal length or picture size, nor mirrored"
     return Why(Cause.TRACKS, name, f"{what}, {tried}", f"check what {name} detects, and its clock", shown=False)
@@ -89,12 +89,12 @@ def _best_reading(known: Known, camera: Unposed) -> Reading | None:
     shares = []
     for reading in readings(camera.site.lens):
         tracks = reading.tracks(camera.observations, camera.tracks)
-        shares.append((_share(known, tracks, camera.offset_s), reading))
+        shares.append((explained_share(known, tracks, camera.offset_s), reading))
     share, best = max(shares, key=lambda each: each[0])
     return best if share >= GOOD_SHARE else None
 
 
-def _share(known: Known, tracks: list[TrackSeries], offset_s: float) -> float:
+def explained_share(known: Known, tracks: list[TrackSeries], offset_s: float) -> float:
     """Of the instants at which a track runs, for how many one pose explains some point of then."""
     points, rays, instants = _matched(known, tracks, offset_s)
     found = resect(points, rays, threshold_ray([tracks])) if len(points) >= FEWEST_SHARED else None

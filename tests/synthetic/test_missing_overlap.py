@@ -31,5 +31,7 @@ def test_a_camera_that_hardly_saw_it_is_left_out_by_name() -> None:
 
 def test_cameras_that_take_turns_are_refused_with_what_to_do() -> None:
     turns = seeing(cam1=(0.0, 20.0), cam2=(20.1, 40.0), cam3=(40.1, 60.0))
-    with pytest.raises(CalibrationError, match=r"two cameras.*fly where at least two cameras see it"):
+    with pytest.raises(
+        CalibrationError, match=r"two must: cam1, cam2, cam3: .*fly 40 s and more where others see it too"
+    ):
         solved(site(special=turns))

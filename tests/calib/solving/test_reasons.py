@@ -1,5 +1,7 @@
 """A camera without a pose: the cause that people bring is found by trying, and named with what to do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -101,3 +103,22 @@ def test_one_of_three_without_a_pose_is_why_a_site_is_refused_and_nobody_is_sent
     assert "2 of 3 surveyed cameras have a pose" in refused.value.what
     assert "cam2" in refused.value.action
     assert "survey" not in refused.value.action
+
+
+@pytest.mark.parametrize("kind", ["pairs_two_drones", "pairs_take_turns"])
+def test_two_pairs_that_share_nothing_are_well_and_told_what_lacks_between_them(kind: str) -> None:
+    with pytest.raises(CalibrationError, match="fit one another and so do") as refused:
+        solve(draw(kind, "choose", 3, 0).simulated.scene)
+    assert refused.value.action.startswith("fly one object where all of them see it")
+
+
+def test_where_hardly_a_camera_can_take_part_each_is_told_why() -> None:
+    scene = draw("healthy_usual", "choose", 3, 0).simulated.scene
+    first = scene.cameras[0].id
+    still = {
+        name: replace(seen, pixels=np.zeros_like(seen.pixels) + 500.0) if name != first else seen
+        for name, seen in scene.observations.items()
+    }
+    with pytest.raises(CalibrationError, match=r"1 of \d cameras can take part, two must") as refused:
+        solve(replace(scene, observations=still))
+    assert "does not move" in refused.value.what
