@@ -60,7 +60,6 @@ def install(wanted: argparse.Namespace, places: Places, versions: Versions, tree
 
     def prepare() -> None:
         configuration.lay_configuration(places.config, places.prefix / "current/deploy", role, vars(wanted))
-        site_time.lay_time(places, versions, role.name, wanted.time, wanted.base)
         if wakes:
             services.control("--quiet", "enable", f"{role.unit}.service", "skyfix-access.path")
             services.control("restart", "skyfix-access.path")
@@ -74,6 +73,8 @@ def install(wanted: argparse.Namespace, places: Places, versions: Versions, tree
             say(f"removed {', '.join(gone)}")
     _report(role, places, faults, asleep=asleep, started=wakes)
     say(f"{target.name} is installed as {role.name}")
+    # Last: a receiver that is not plugged in yet must not keep a base from running.
+    site_time.lay_time(places, versions, role.name, wanted.time, wanted.base)
 
 
 def _report(role: Role, places: Places, faults: dict[str, str], *, asleep: bool, started: bool) -> None:

@@ -90,7 +90,7 @@ def _judge(unit: str, up: dict[str, tuple[float, str]], deadline_s: float, watch
     if state == "inactive" and job in ("", "0") and result == "success" and unit in up:
         return ""  # a box that has played its recording to the end
     if int(deaths or 0) >= DEATHS or (sub == "auto-restart" and unit in up):
-        return f"died {deaths or 1} times ({result}, exit code {status})"
+        return f"died {int(deaths or 0) + (sub == 'auto-restart')} times since it was started"
     if state == "active" and sub == "running":
         since_s, first = up.setdefault(unit, (now_s, pid))
         if pid != first:

@@ -22,7 +22,7 @@ def lay_time(places: Places, versions: Versions, role: str, kind: str, base: str
     elif role == "edge" and base:
         words = ("box", base)
     if words and versions.current is not None and _run(places, versions.current / SCRIPT, words):
-        raise RefusedError("chrony's configuration was not laid", "time is as it was")
+        raise RefusedError("chrony's configuration was not laid", "time is as it was; all else is installed and runs")
 
 
 def take_back(places: Places) -> None:

@@ -17,14 +17,14 @@ from typing import Final
 import cv2
 import numpy as np
 
-from tools.doubles.site import demo_flight
 from tools.rehearsal.bundles import variant
 from tools.rehearsal.machine import Machine
 
 ROOT: Final = Path(__file__).parents[2]
 PORT: Final = 14550  # base.example.toml's own
 POSITIONS: Final = 50
-FLOWN_S: Final = 120.0  # the demo's flight at its own pace, and the solver on a busy computer
+FLIGHT: Final = Path(__file__).with_name("flight.toml")
+FLOWN_S: Final = 120.0  # a minute at its own pace, and the solver on a busy computer
 WATCH_S: Final = 6.0  # of an upgrade, here; 40 s in the field
 LENS: Final = (
     'lens = { model = "radtan", intrinsics = [300.0, 300.0, 160.0, 120.0], distortion = [0.0, 0.0, 0.0, 0.0], '
@@ -154,7 +154,9 @@ def first_base(life: Life) -> None:
 
 def flight(life: Life) -> None:
     """A flight replayed to it until MAVLink positions come out."""
-    folder = demo_flight(life.machine.root / "root" / "flight")
+    folder = life.machine.root / "root/flight"
+    simulate = [sys.executable, "-m", "calib.station.app", "simulate", str(FLIGHT), "-o", str(folder)]
+    subprocess.run(simulate, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
     site = life.machine.ask("grep -m1 ^name /etc/skyfix/base.toml | cut -d'\"' -f2")
     words = (str(PORT), str(POSITIONS), str(FLOWN_S))
     listening = life.machine.on_its_network(sys.executable, "-m", "tools.rehearsal.positions", *words)

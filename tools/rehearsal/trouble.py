@@ -16,6 +16,14 @@ def trouble(life: Life) -> None:
     _twice_at_once(life, folder)
     _disabled(life, folder)
     _configuration(life, folder)
+    _time(life, folder)
+
+
+def _time(life: Life, folder: str) -> None:
+    done = life.machine.run(f"{folder}/install.sh base --time pps", timeout_s=600)
+    up = life.machine.ask("systemctl is-active base-station")
+    told = done.returncode == 1 and "pps0" in done.stdout + done.stderr
+    life.note("a receiver that is not there leaves a base that runs", told and up == "active", done.stderr[-300:])
 
 
 def _refusals(life: Life, folder: str) -> None:
