@@ -25,6 +25,7 @@ READOUT_S: Final = 0.015  # and their middle
 KNOWN_READOUT_SIGMA_S: Final = 5e-4  # a data sheet's
 ALIGNED_TO_S: Final = 0.05  # what the search by epipolar geometry is good for on the worst flights
 KEEPS_BOUND_S: Final = 60.0  # a disciplined clock leaves its bound no faster than in this time
+CONTRADICTING_RATE: Final = 3e-4  # s/s: leaves a bound of milliseconds within half a minute, whatever the box says
 FREE: Final = np.inf
 FIXED: Final = 0.0
 
@@ -130,11 +131,16 @@ def trusted_clocks(sites: dict[str, SiteCamera]) -> frozenset[str]:
 
 
 def time_reference(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> str:
-    """The camera whose clock is the site's time: the smallest published bound, else the first that needed no shift."""
+    """The camera whose clock is the site's time: the smallest published bound that the tracks do not contradict, else
+    the first that needed no shift and keeps the others' pace.
+    """
+    pace = float(np.median([camera.clock_rate for camera in cameras]))
 
-    def rank(camera: Camera) -> tuple[float, float, str]:
-        bound = sites[camera.id].clock_bound_s
-        return (np.inf if bound is None else bound, abs(camera.clock_offset_s), camera.id)
+    def rank(camera: Camera) -> tuple[float, bool, float, str]:
+        site = sites[camera.id]
+        bound = site.clock_bound_s if site.clock_bound_s is not None and _bound_holds(camera, site) else np.inf
+        off_pace = abs(camera.clock_rate - pace) > CONTRADICTING_RATE
+        return (bound, off_pace, abs(camera.clock_offset_s), camera.id)
 
     return min(cameras, key=rank).id
 
@@ -159,7 +165,10 @@ def _camera_prior(camera: Camera, site: SiteCamera, reference: bool) -> CameraPr
 
 
 def _bound_holds(camera: Camera, site: SiteCamera) -> bool:
-    return site.clock_bound_s is not None and abs(camera.clock_offset_s) <= max(3 * site.clock_bound_s, ALIGNED_TO_S)
+    if site.clock_bound_s is None:
+        return False
+    keeps_pace = abs(camera.clock_rate) <= max(3 * site.clock_bound_s / KEEPS_BOUND_S, CONTRADICTING_RATE)
+    return keeps_pace and abs(camera.clock_offset_s) <= max(3 * site.clock_bound_s, ALIGNED_TO_S)
 
 
 def _clock_sigma(camera: Camera, site: SiteCamera) -> tuple[float, float]:

@@ -11,12 +11,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from calib.solving.clocks import CONTRAST, CONVINCING, NEARNESS, Alignment, Candidate
+import numpy as np
+
+from calib.solving.clocks import CONTRAST, CONVINCING, LEAST_GAIN, NEARNESS, Alignment, Candidate, free_rows
 
 CLOSES_S: Final = (
     0.25  # around a loop: each candidate is good to some hundredths, at the ends of its overlap to a tenth
 )
 CONTRAST_NEAR: Final = 1.15  # times the next best place, if the clock stays near: nobody else proposed that it should
+CONTRAST_LEVEL: Final = 1.3  # times a place as near at which the tracks fit nearly as well: the flight repeats itself
+PLACED: Final = "?"  # no camera's name: one that is placed among others
 CLEAR_SCORE: Final = 10.0  # score by which a near place must exceed what is typical: twice the log of 150 to 1
 ROUNDS: Final = 10  # of trying each camera elsewhere; two or three settle it
 
@@ -51,13 +55,15 @@ class Clock:
 class Tied:
     """What a camera's clock hangs on. agreeing: the cameras whose pair with it says so. score: of those pairs together.
 
-    elsewhere: the score of its next best place. certain: whether it may be believed without the word of its box.
+    elsewhere: the score of its next best place. gain: the largest of a pair's, log ratio of misfits. certain: whether
+    it may be believed without the word of its box.
     """
 
     clock: Clock
     agreeing: tuple[str, ...]
     score: float
     elsewhere: float
+    gain: float
     certain: bool
 
 
@@ -155,8 +161,11 @@ def _settled(clocks: dict[str, Clock], links: Links, near_s: float) -> dict[str,
         moved = False
         for name in sorted(clocks):
             places = _places(name, clocks, links)
-            best = max(places, key=lambda place: _said(name, place, clocks, links, near_s)[0], default=clocks[name])
-            better = _said(name, best, clocks, links, near_s)[0] > _said(name, clocks[name], clocks, links, near_s)[0]
+            best = max(places, key=lambda place: _said(name, place, clocks, links, near_s).weight, default=clocks[name])
+            better = (
+                _said(name, best, clocks, links, near_s).weight
+                > _said(name, clocks[name], clocks, links, near_s).weight
+            )
             if better and not _same(best, clocks[name], links, name):
                 clocks, moved = clocks | {name: best}, True
         if not moved:
@@ -174,21 +183,37 @@ def _places(name: str, clocks: dict[str, Clock], links: Links) -> list[Clock]:
     ]
 
 
-def _said(
-    name: str, place: Clock, clocks: dict[str, Clock], links: Links, near_s: float
-) -> tuple[float, tuple[str, ...]]:
-    """The weight of all that a camera's pairs say for a place of its clock, and which cameras say it."""
-    total, agreeing = 0.0, []
+@dataclass(frozen=True)
+class _Word:
+    """What a camera's pairs say for a place of its clock: the weight of it all, which cameras say it, and the largest
+    gain among them. level: the weight if what fits there fitted for as long as the pair's longest candidate.
+    """
+
+    weight: float = 0.0
+    agreeing: tuple[str, ...] = ()
+    gain: float = 0.0
+    level: float = 0.0
+
+
+def _said(name: str, place: Clock, clocks: dict[str, Clock], links: Links, near_s: float) -> _Word:
+    weight, level, gain, agreeing = 0.0, 0.0, 0.0, []
     for other in sorted(set(clocks) - {name}):
-        weights = [
-            _weight(candidate, near_s)
-            for candidate in links.get((other, name), ())
-            if _agrees(clocks[other], place, candidate)
-        ]
-        if weights:
-            total += max(weights)
+        own = links.get((other, name), ())
+        fitting = [candidate for candidate in own if _agrees(clocks[other], place, candidate)]
+        if fitting:
+            best = max(fitting, key=lambda candidate: _weight(candidate, near_s))
+            weight += _weight(best, near_s)
+            level += max(best.score, _level(best, max(candidate.overlap_s for candidate in own)))
+            gain = max(gain, best.gain)
             agreeing.append(other)
-    return total, tuple(agreeing)
+    return _Word(weight, tuple(agreeing), gain, level)
+
+
+def _level(candidate: Candidate, longest_s: float) -> float:
+    """The score of a candidate if it fitted for that long; nothing of one that fits for less than half of it."""
+    if 2 * candidate.overlap_s < longest_s:
+        return 0.0
+    return float(free_rows(np.array([longest_s]))[0]) * (candidate.gain - LEAST_GAIN)
 
 
 def _same(one: Clock, two: Clock, links: Links, name: str) -> bool:
@@ -198,13 +223,31 @@ def _same(one: Clock, two: Clock, links: Links, name: str) -> bool:
 
 def _tied(name: str, clocks: dict[str, Clock], links: Links, near_s: float) -> Tied:
     clock = clocks[name]
-    score, agreeing = _said(name, clock, clocks, links, near_s)
+    own = _said(name, clock, clocks, links, near_s)
     others = [place for place in _places(name, clocks, links) if not _same(place, clock, links, name)]
-    elsewhere = max((_said(name, place, clocks, links, near_s)[0] for place in others), default=0.0)
-    near = all(abs(clock.site(0.0) - clocks[other].site(0.0)) <= near_s for other in agreeing)
-    certain = (
-        score > CLEAR_SCORE and score > CONTRAST_NEAR * elsewhere
-        if near
-        else (score > CONVINCING and score > CONTRAST * elsewhere)
-    )
-    return Tied(clock, agreeing, score, elsewhere, certain)
+    words = [
+        (_near(place, own.agreeing, clocks, near_s), _said(name, place, clocks, links, near_s)) for place in others
+    ]
+    elsewhere = max((word.weight for _, word in words), default=0.0)
+    if _near(clock, own.agreeing, clocks, near_s):
+        repeated = max((word.level for near, word in words if near), default=0.0)
+        certain = own.weight > max(CLEAR_SCORE, CONTRAST_NEAR * elsewhere, CONTRAST_LEVEL * repeated)
+    else:
+        repeated = max((word.level for _, word in words), default=0.0)
+        certain = own.weight > max(CONVINCING, CONTRAST * elsewhere, CONTRAST * repeated)
+    return Tied(clock, own.agreeing, own.weight, elsewhere, own.gain, certain)
+
+
+def _near(place: Clock, agreeing: tuple[str, ...], clocks: dict[str, Clock], near_s: float) -> bool:
+    return all(abs(place.site(0.0) - clocks[other].site(0.0)) <= near_s for other in agreeing)
+
+
+def placed(said: dict[str, tuple[Candidate, ...]], clocks: dict[str, Clock], near_s: float) -> Tied | None:
+    """Where a camera's clock is best, of others whose clocks are known. said: by the other, first in the candidates."""
+    links = {(other, PLACED): tuple(one for one in own if one.score > 0) for other, own in said.items()}
+    partners = {name: clock for name, clock in clocks.items() if name in said}
+    places = _places(PLACED, partners, links)
+    if not places:
+        return None
+    best = max(places, key=lambda place: _said(PLACED, place, partners, links, near_s).weight)
+    return _tied(PLACED, partners | {PLACED: best}, links, near_s)

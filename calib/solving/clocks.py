@@ -216,7 +216,7 @@ class _Pair:
             self.typical = float(np.median(np.log(misfit)))
             if 0 in lags:
                 (misfit_0,), overlap_0 = self._at_lags(correlation, np.zeros(1, np.int64))
-                self.as_stamped = float(_free(overlap_0)[0] * (self.typical - np.log(misfit_0)))
+                self.as_stamped = float(free_rows(overlap_0)[0] * (self.typical - np.log(misfit_0)))
         score = self._score(misfit, overlap_s)
         tops = _peaks(score)
         near = lags[np.abs(lags * self.step_s) <= near_s]
@@ -232,7 +232,7 @@ class _Pair:
         return misfit, correlation.overlap(lags) * self.step_s
 
     def _score(self, misfit: Array, overlap_s: Array) -> Array:
-        score: Array = _free(overlap_s) * ((self.typical or 0.0) - np.log(misfit) - LEAST_GAIN)
+        score: Array = free_rows(overlap_s) * ((self.typical or 0.0) - np.log(misfit) - LEAST_GAIN)
         return score
 
     def _best(self, correlation: Correlation, lags: NDArray[np.int64], *, inner: bool) -> int | None:
@@ -304,7 +304,7 @@ class _Pair:
         return self.at(float(here[0]) - rate * start.at_s, rate) or start
 
 
-def _free(overlap_s: Array) -> Array:
+def free_rows(overlap_s: Array) -> Array:
     """(K,) independent rows more than any epipolar geometry fits."""
     return np.asarray(np.maximum(overlap_s / INDEPENDENT_S - EPIPOLAR_UNKNOWNS, 0.0), float)
 

@@ -34,14 +34,12 @@ class Timed:
         return replace(network, cameras=tuple(self._camera(camera) for camera in network.cameras))
 
     def _camera(self, camera: Camera) -> Camera:
-        return replace(camera, clock_offset_s=self._offset_s(camera.id, camera.clock_offset_s, camera.clock_rate))
+        moved_s = self.moved_s.get(camera.id, 0.0)
+        return replace(camera, clock_offset_s=camera.clock_offset_s + moved_s * (1 + camera.clock_rate))
 
     def report(self, camera: CameraReport) -> CameraReport:
-        """The same of a report."""
-        return replace(camera, clock_offset_s=self._offset_s(camera.id, camera.clock_offset_s, camera.clock_rate))
-
-    def _offset_s(self, name: str, offset_s: float, rate: float) -> float:
-        return offset_s + self.moved_s.get(name, 0.0) * (1 + rate)
+        """What is said of a clock, at the flight: an hour away from it a rate would blur the offset."""
+        return replace(camera, clock_offset_s=camera.clock_offset_s + self.moved_s.get(camera.id, 0.0))
 
 
 def on_one_time(inputs: Inputs, *, local: bool = False, near_s: float = NEAR_S) -> Timed:

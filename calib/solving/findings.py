@@ -9,14 +9,13 @@ from typing import Final
 import numpy as np
 
 from calib.observations import SiteCamera
+from calib.solving.clock_words import SIGNIFICANT, clock_words
 from calib.solving.doubts import Claim, Doubt
 from calib.solving.found import Cause, Found
 from calib.solving.solution import CameraReport
 from calib.solving.strain import CERTAIN, Strain
 
-OFF_BOUND_S: Final = 2e-3  # an offset is worth telling beyond its bound and this: 4 cm at 20 m/s
 OFF_LENS: Final = 0.025  # of the focal length: more than lens files are usually good for
-SIGNIFICANT: Final = 3.0  # sigmas
 CAUSES: Final = {
     Claim.POSITION: Cause.POSITION,
     Claim.LENS: Cause.LENS,
@@ -48,7 +47,7 @@ def findings(
     found = _doubted(strained, {camera.id: camera for camera in cameras}) if strained else []
     for camera in cameras:
         if (Claim.CLOCK, camera.id) not in told:
-            found += [Found(Cause.CLOCK, (camera.id,), sentence) for sentence in _clock(camera, sites[camera.id])]
+            found += [Found(Cause.CLOCK, (camera.id,), sentence) for sentence in clock_words(camera, sites[camera.id])]
         if (Claim.LENS, camera.id) not in told:
             found += [Found(Cause.LENS, (camera.id,), sentence) for sentence in _lens(camera)]
     return tuple(found)
@@ -131,20 +130,6 @@ def _in_each_others_place(one: CameraReport | None, two: CameraReport | None) ->
     apart_m = float(np.linalg.norm(here - there))
     off_m = max(np.linalg.norm(here - surveyed_there), np.linalg.norm(there - surveyed_here))
     return bool(off_m < EXCHANGED * apart_m)
-
-
-def _clock(camera: CameraReport, site: SiteCamera) -> list[str]:
-    offset, bound = camera.clock_offset_s, site.clock_bound_s
-    if bound is None:
-        if abs(offset) > max(0.1, SIGNIFICANT * camera.sigma_offset_s):
-            return [f"the clock of {camera.id} is {-offset:+.3f} s off the site's; it says nothing of its own bound"]
-        return []
-    if abs(offset) > bound + OFF_BOUND_S + SIGNIFICANT * camera.sigma_offset_s:
-        return [
-            f"the clock of {camera.id} is {-offset:+.3f} s off the site's, its own bound is {bound:.3f} s: "
-            "look at its time synchronisation"
-        ]
-    return []
 
 
 def _lens(camera: CameraReport) -> list[str]:

@@ -6,7 +6,7 @@ one that fits. So a stated bound is believed until the tracks contradict it beyo
 `clock_consensus` is certain, and who has none is left out with what its clock was tested for.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import combinations
 from typing import Final
@@ -78,7 +78,7 @@ def _vouched(found: Alignment) -> Alignment:
     """The stamps of two boxes that know their time, unless the tracks are sure of another."""
     score = max(found.as_stamped or 0.0, STATED_SCORE)
     best = found.candidates[0] if found.candidates else None
-    elsewhere = best is not None and abs(best.shift_s) > ALIGNED_TO_S
+    elsewhere = best is not None and abs(best.shift_s) + abs(best.rate) * best.half_s > ALIGNED_TO_S
     if best and elsewhere and found.convincing and best.score > CONTRAST * score:
         return found
     stated = Candidate(0.0, 0.0, 0.0, score, 0.0, 0.0, 0.0)
@@ -102,15 +102,16 @@ def _against_reference(tied: dict[str, Tied], sites: dict[str, SiteCamera], trus
     else:
         return tied
     zero = tied[reference].clock
-    return {
-        name: Tied(own.clock.seen_from(zero), own.agreeing, own.score, own.elsewhere, own.certain)
-        for name, own in tied.items()
-    }
+    return {name: replace(own, clock=own.clock.seen_from(zero)) for name, own in tied.items()}
 
 
 def _told(site: SiteCamera, tied: Tied | None, tracks: dict[str, list[TrackSeries]], pairs: Pairs) -> CameraClock:
     certain = tied is not None and tied.certain
-    if site.clock_bound_s is not None and site.clock_bound_s <= ALIGNED_TO_S and not (certain and _off(tied, site)):
+    if (
+        site.clock_bound_s is not None
+        and site.clock_bound_s <= ALIGNED_TO_S
+        and not (certain and _off(tied, site, tracks[site.id]))
+    ):
         return CameraClock(Clock(), Origin.STATED, tied.agreeing if tied else ())
     if tied is not None and certain:
         return CameraClock(tied.clock, Origin.FOUND, tied.agreeing)
@@ -120,10 +121,11 @@ def _told(site: SiteCamera, tied: Tied | None, tracks: dict[str, list[TrackSerie
     return CameraClock(Clock(), Origin.UNKNOWN, (), _tested(site.id, tracks, pairs))
 
 
-def _off(tied: Tied | None, site: SiteCamera) -> bool:
-    """Whether the tracks say another time than the stamps that a box vouches for."""
+def _off(tied: Tied | None, site: SiteCamera, tracks: list[TrackSeries]) -> bool:
+    """Whether the tracks say another time, anywhere along them, than the stamps that a box vouches for."""
     bound_s = max(3 * (site.clock_bound_s or 0.0), ALIGNED_TO_S)
-    return tied is not None and abs(tied.clock.offset_s) > bound_s
+    ends = [float(t) for track in tracks for t in (track.t_s[0], track.t_s[-1])]
+    return tied is not None and any(abs(tied.clock.site(t) - t) > bound_s for t in ends)
 
 
 def _says_nothing(alignment: Alignment) -> bool:
