@@ -65,6 +65,11 @@ class Candidate:
     half_s: float
 
     @property
+    def likelihood(self) -> float:
+        """The log likelihood against the typical offset's, without LEAST_GAIN."""
+        return self.score + LEAST_GAIN * float(free_rows(np.array([self.overlap_s]))[0])
+
+    @property
     def shift_s(self) -> float:
         """What is added to the second's stamps at the middle of the overlap."""
         return self.at_s - (self.at_s - self.offset_s) / (1 + self.rate)

@@ -50,6 +50,10 @@ class TrackSeries:
         """The same with its stamps at another pace: t (1 + rate)."""
         return replace(self, t_s=self.t_s * (1 + rate)) if rate else self
 
+    def later(self, by_s: float) -> "TrackSeries":
+        """The same with its stamps so much later."""
+        return replace(self, t_s=self.t_s + by_s) if by_s else self
+
     def at(self, t_s: Array) -> Array:
         """Rays (M, 2) at stamped times (M,), interpolated; NaN where no two rows enclose the time closely."""
         after = np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1)

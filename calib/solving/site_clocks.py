@@ -14,11 +14,12 @@ from typing import Final
 from calib.adjustment.priors import ALIGNED_TO_S, trusted_clocks
 from calib.observations import SiteCamera
 from calib.solving.clock_consensus import CLEAR_SCORE, Clock, Pairs, Tied, consensus
-from calib.solving.clocks import CONTRAST, CONVINCING, NEAR_S, Alignment, Candidate, align
+from calib.solving.clocks import CONVINCING, NEAR_S, Alignment, Candidate, align
 from calib.solving.series import TrackSeries
 
 CONFIRMED_BY: Final = 2  # cameras that tie another one firmly before the pairs left are spared
 LONG_ENOUGH_S: Final = 40.0  # an ordinary flight's clocks can be told from so much in common
+CONTRADICTED: Final = 20.0  # log likelihood by which tracks contradict a stated clock: beyond any doubt of its box
 STATED_SCORE: Final = 1.0  # of stamps that are vouched for and that the tracks say nothing about
 
 
@@ -47,7 +48,7 @@ def site_clocks(
     """The clocks of all cameras that have tracks; those of unknown origin are not to be used."""
     trusted = trusted_clocks(sites)
     pairs, tied = _compared(tracks, trusted, near_s)
-    tied = _against_reference(tied, sites, trusted)
+    tied = _against_reference(tied, sites, trusted, tracks)
     return {name: _told(sites[name], tied.get(name), tracks, pairs) for name in sorted(tracks)}
 
 
@@ -79,22 +80,25 @@ def _vouched(found: Alignment) -> Alignment:
     score = max(found.as_stamped or 0.0, STATED_SCORE)
     best = found.candidates[0] if found.candidates else None
     elsewhere = best is not None and abs(best.shift_s) + abs(best.rate) * best.half_s > ALIGNED_TO_S
-    if best and elsewhere and found.convincing and best.score > CONTRAST * score:
+    if best and elsewhere and found.convincing and best.likelihood > score + CONTRADICTED:
         return found
     stated = Candidate(0.0, 0.0, 0.0, score, 0.0, 0.0, 0.0)
     return Alignment((stated,), found.as_stamped, found.convincing and not elsewhere)
 
 
-def _against_reference(tied: dict[str, Tied], sites: dict[str, SiteCamera], trusted: frozenset[str]) -> dict[str, Tied]:
+def _against_reference(
+    tied: dict[str, Tied], sites: dict[str, SiteCamera], trusted: frozenset[str], tracks: dict[str, list[TrackSeries]]
+) -> dict[str, Tied]:
     """The same clocks against the site's: that of most boxes that know theirs, else of the median pace."""
     knowing = [name for name in sorted(tied) if name in trusted]
     known = [name for name in sorted(tied) if tied[name].certain] or sorted(tied)
     if knowing:
 
         def rank(name: str) -> tuple[int, float]:
-            own = tied[name].clock
-            with_it = sum(abs(tied[other].clock.seen_from(own).offset_s) <= ALIGNED_TO_S for other in knowing)
-            return (-with_it, sites[name].clock_bound_s or 0.0)
+            zero = tied[name].clock
+            seen = {other: replace(tied[other], clock=tied[other].clock.seen_from(zero)) for other in knowing}
+            off = sum(_off(own, sites[other], tracks[other]) for other, own in seen.items())
+            return (off, sites[name].clock_bound_s or 0.0)
 
         reference = min(knowing, key=rank)
     elif known:
