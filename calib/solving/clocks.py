@@ -78,12 +78,14 @@ class Candidate:
 @dataclass(frozen=True)
 class Alignment:
     """The candidates of a pair, best first. as_stamped: log likelihood of the stamps as they are against the typical
-    offset's, None if they share too little to tell. convincing: whether the best stands alone.
+    offset's, None if they share too little to tell; stamped_gain: the log ratio of their misfits.
+    convincing: whether the best stands alone.
     """
 
     candidates: tuple[Candidate, ...]
     as_stamped: float | None
     convincing: bool
+    stamped_gain: float = 0.0
 
 
 def align(
@@ -168,7 +170,7 @@ def _align_tracks(one: TrackSeries, two: TrackSeries, near_s: float, rates: tupl
     least = RIVAL * _preferred(rivals[0], near_s) if rivals else 0.0
     found = _distinct([pair.refined(one) for one in rivals if _preferred(one, near_s) >= least])
     ranked = sorted(found, key=lambda candidate: -_preferred(candidate, near_s))[:KEPT]
-    return Alignment(tuple(ranked), pair.as_stamped, _stand_out(ranked, near_s))
+    return Alignment(tuple(ranked), pair.as_stamped, _stand_out(ranked, near_s), pair.stamped_gain)
 
 
 def _clock_rates(one: TrackSeries, two: TrackSeries) -> list[float]:
@@ -207,6 +209,7 @@ class _Pair:
         self.sampled = sample(one, self.step_s)
         self.typical: float | None = None
         self.as_stamped: float | None = None
+        self.stamped_gain = 0.0
 
     def scan(self, rate: float, near_s: float) -> list[Candidate]:
         """The best few optima over all lags, with the second's stamps stretched by 1 + rate."""
@@ -221,7 +224,8 @@ class _Pair:
             self.typical = float(np.median(np.log(misfit)))
             if 0 in lags:
                 (misfit_0,), overlap_0 = self._at_lags(correlation, np.zeros(1, np.int64))
-                self.as_stamped = float(free_rows(overlap_0)[0] * (self.typical - np.log(misfit_0)))
+                self.stamped_gain = self.typical - float(np.log(misfit_0))
+                self.as_stamped = float(free_rows(overlap_0)[0]) * self.stamped_gain
         score = self._score(misfit, overlap_s)
         tops = _peaks(score)
         near = lags[np.abs(lags * self.step_s) <= near_s]
@@ -288,7 +292,8 @@ class _Pair:
         alone = self._climbed(candidate, with_rate=False)
         free = self._climbed(alone, with_rate=True)
         makes_s = abs(free.rate) * free.half_s
-        return free if free.score > alone.score + RATE_WORTH and makes_s > LEAST_RATE_S else alone
+        runs = abs(free.rate - candidate.rate) <= FASTEST_RATE  # a step in the middle is a rate that no clock has
+        return free if runs and free.score > alone.score + RATE_WORTH and makes_s > LEAST_RATE_S else alone
 
     def _climbed(self, start: Candidate, *, with_rate: bool) -> Candidate:
         rows = self._shared(start.offset_s, start.rate)

@@ -8,12 +8,15 @@ and put back into the network at the end, where the stamps of that camera are as
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from calib.errors import CalibrationError
 from calib.network import Camera, Network
 from calib.solving.clock_consensus import Clock
 from calib.solving.clocks import NEAR_S
+from calib.solving.found import Found
 from calib.solving.inputs import Inputs, prepare
 from calib.solving.site_clocks import CameraClock, Origin, site_clocks
 from calib.solving.solution import CameraReport
+from calib.solving.steadied import steadied_clocks
 
 MOVED_FROM_S: Final = 10.0  # stamps further off than this are moved: a thousandth of it is what a rate may blur
 
@@ -22,12 +25,24 @@ MOVED_FROM_S: Final = 10.0  # stamps further off than this are moved: a thousand
 class Timed:
     """Inputs whose stamps are near the site's time. clocks: what is left, of the cameras that have a usable one.
 
-    moved_s: added to the stamps of the cameras named.
+    moved_s: added to the stamps of the cameras named. found: clocks that stepped.
+    unknown: cameras without a usable clock, and what was tested.
     """
 
     inputs: Inputs
     clocks: dict[str, Clock]
     moved_s: dict[str, float] = field(default_factory=dict)
+    found: tuple[Found, ...] = ()
+    unknown: dict[str, str] = field(default_factory=dict)
+
+    def blamed(self, error: CalibrationError) -> CalibrationError:
+        """A refusal of what came after, with the clocks that it may be the consequence of."""
+        clocks = [f"{name}: {why}" for name, why in sorted(self.unknown.items())] + [str(one) for one in self.found]
+        if not clocks:
+            return error
+        return CalibrationError(
+            f"{'; '.join(clocks)}; without that, {error.what}", where=error.where, action=error.action
+        )
 
     def as_stamped(self, network: Network) -> Network:
         """The network with clocks that hold for the stamps as they came."""
@@ -43,14 +58,20 @@ class Timed:
 
 
 def on_one_time(inputs: Inputs, *, local: bool = False, near_s: float = NEAR_S) -> Timed:
-    """Find the clocks, move what is far off, and leave out, with the reason, who has none."""
-    found = site_clocks(inputs.tracks, inputs.sites, near_s)
+    """Find the clocks, cut where one stepped, move what is far off, and leave out, with the reason, who has none."""
+    steadied = steadied_clocks(inputs, site_clocks(inputs.tracks, inputs.sites, near_s))
+    found = steadied.clocks
     far = {name: _shift_s(own) for name, own in found.items() if abs(_shift_s(own)) > MOVED_FROM_S}
     clocks = {name: own.clock for name, own in found.items() if own.origin is not Origin.UNKNOWN}
     if far:
         inputs, clocks = _moved(inputs, clocks, far, local=local)
-    tested = {name: own.tested for name, own in found.items() if own.origin is Origin.UNKNOWN}
-    return Timed(replace(inputs, left_out={**inputs.left_out, **tested}), clocks, far)
+    tracks = {name: steadied.cut(name, own) for name, own in inputs.tracks.items()}
+    return Timed(
+        replace(inputs, tracks=tracks, left_out={**inputs.left_out, **steadied.if_left_out()}),
+        clocks,
+        far,
+        steadied.found,
+    )
 
 
 def _shift_s(clock: CameraClock) -> float:

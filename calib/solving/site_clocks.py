@@ -34,12 +34,17 @@ class Origin(StrEnum):
 
 @dataclass(frozen=True)
 class CameraClock:
-    """A camera's clock, from where, the cameras whose tracks say so, and what an unknown one was tested for."""
+    """A camera's clock, from where, the cameras whose tracks say so, and what an unknown one was tested for.
+
+    gain: log ratio of the misfits without it and with it. contradicts: the box vouches for another.
+    """
 
     clock: Clock
     origin: Origin
     agreeing: tuple[str, ...] = ()
     tested: str = ""
+    gain: float = 0.0
+    contradicts: bool = False
 
 
 def site_clocks(
@@ -82,7 +87,7 @@ def _vouched(found: Alignment) -> Alignment:
     elsewhere = best is not None and abs(best.shift_s) + abs(best.rate) * best.half_s > ALIGNED_TO_S
     if best and elsewhere and found.convincing and best.likelihood > score + CONTRADICTED:
         return found
-    stated = Candidate(0.0, 0.0, 0.0, score, 0.0, 0.0, 0.0)
+    stated = Candidate(0.0, 0.0, found.stamped_gain, score, 0.0, 0.0, 0.0)
     return Alignment((stated,), found.as_stamped, found.convincing and not elsewhere)
 
 
@@ -116,9 +121,11 @@ def _told(site: SiteCamera, tied: Tied | None, tracks: dict[str, list[TrackSerie
         and site.clock_bound_s <= ALIGNED_TO_S
         and not (certain and _off(tied, site, tracks[site.id]))
     ):
-        return CameraClock(Clock(), Origin.STATED, tied.agreeing if tied else ())
+        agreeing, gain = (tied.agreeing, tied.gain) if tied is not None and certain else ((), 0.0)
+        return CameraClock(Clock(), Origin.STATED, agreeing, gain=gain)
     if tied is not None and certain:
-        return CameraClock(tied.clock, Origin.FOUND, tied.agreeing)
+        contradicts = site.id in trusted_clocks({site.id: site})
+        return CameraClock(tied.clock, Origin.FOUND, tied.agreeing, gain=tied.gain, contradicts=contradicts)
     own = [alignment for pair, alignment in pairs.items() if site.id in pair]
     if own and all(_says_nothing(alignment) for alignment in own):
         return CameraClock(Clock(), Origin.ASSUMED)

@@ -20,7 +20,7 @@ from calib.solving.common_time import Timed, on_one_time
 from calib.solving.evidence import gather
 from calib.solving.findings import contradiction, findings
 from calib.solving.georeference import CHECK_UP, OVERTURNED
-from calib.solving.initial_estimate import at_pace, from_network, from_scaffold
+from calib.solving.initial_estimate import InitialEstimate, at_pace, from_network, from_scaffold
 from calib.solving.inputs import Inputs, prepare
 from calib.solving.readmit import readmit
 from calib.solving.reasons import why_left_out
@@ -75,10 +75,18 @@ def solve(scene: Scene, options: SolveOptions = DEFAULTS, start: Network | None 
         initial = from_network(inputs, start)
     else:
         timed = on_one_time(inputs, local=options.local, near_s=options.clock_search_s)
-        initial = from_scaffold(timed.inputs, timed.clocks, local=options.local)
+        initial = _begun(timed, options)
     refined = refine(timed.inputs, initial, options.knots_s)
     refined = _readmitted(timed, refined, options)
     return _answer(timed, refined, options)
+
+
+def _begun(timed: Timed, options: SolveOptions) -> InitialEstimate:
+    """Raises CalibrationError, with the clocks that are missing where too few cameras are left."""
+    try:
+        return from_scaffold(timed.inputs, timed.clocks, local=options.local)
+    except CalibrationError as error:
+        raise timed.blamed(error) from error
 
 
 def _readmitted(timed: Timed, refined: Refined, options: SolveOptions) -> Refined:
@@ -181,7 +189,7 @@ def _report(timed: Timed, refined: Refined, *, evidence: bool) -> SolutionReport
     return SolutionReport(
         cameras=cameras,
         left_out=_left_out(timed, refined, {camera.id for camera in cameras}),
-        findings=findings(cameras, inputs.sites, refined.strain),
+        findings=(*timed.found, *findings(cameras, inputs.sites, refined.strain)),
         rms_px=rms_px(adjusted, problem),
         survey_rms_m=float(np.sqrt((misfits**2).sum(1).mean())) if len(misfits) else None,
         rounds=adjusted.rounds,
