@@ -3,6 +3,7 @@
 1. `inputs` the scene sorted out: which cameras and tracks are fit to work on (`series`: tracks as functions of time);
 2. `common_time` all stamps near the site's time: `clock_correlation` and `clocks` where a pair's clocks may be, by
    epipolar geometry; `clock_consensus` what closes loops; `site_clocks` whose clock is known, and from what;
+   `clock_steps` and `steadied` clocks that do not run evenly;
    `initial_estimate` cameras roughly right: the `scaffold` of a pair's relative pose and resections into it,
    `identity`: data association of whole tracks; `bootstrap`: georeference by a similarity, and the flight's first
    control points by triangulation;

@@ -26,20 +26,18 @@ class Timed:
     """Inputs whose stamps are near the site's time. clocks: what is left, of the cameras that have a usable one.
 
     moved_s: added to the stamps of the cameras named. found: clocks that stepped.
-    unknown: cameras without a usable clock, and what was tested.
     """
 
     inputs: Inputs
     clocks: dict[str, Clock]
     moved_s: dict[str, float] = field(default_factory=dict)
     found: tuple[Found, ...] = ()
-    unknown: dict[str, str] = field(default_factory=dict)
 
     def blamed(self, error: CalibrationError) -> CalibrationError:
-        """A refusal of what came after, with the clocks that it may be the consequence of."""
-        clocks = [f"{name}: {why}" for name, why in sorted(self.unknown.items())] + [str(one) for one in self.found]
-        if not clocks:
+        """A refusal of what came after, with the steps that it may be the consequence of."""
+        if not self.found:
             return error
+        clocks = [str(one) for one in self.found]
         return CalibrationError(
             f"{'; '.join(clocks)}; without that, {error.what}", where=error.where, action=error.action
         )
