@@ -23,7 +23,7 @@ PIECE_S: Final = 20.0  # of a track: the shortest that a few cameras together ca
 MOST_PIECES: Final = 8  # of a longer flight: more would say no more of a line or a step
 LARGEST_STEP_S: Final = 5.0  # that is looked for: a restart takes as long; after a longer one nothing is sought
 LEAST_WITNESSES: Final = 2  # partners, if there are two: so short a piece fits one of them somewhere by chance
-LEAST_STEP_S: Final = 0.1  # that is called one: of less, two pieces' own errors are a large part
+LEAST_CLOCK_STEP_S: Final = 0.1  # that is called one: of less, two pieces' own errors are a large part
 STEADY_S: Final = 0.06  # a piece is placed to a few hundredths
 
 
@@ -147,7 +147,7 @@ def _ends(pieces: list[_Piece], expected: int) -> tuple[list[_Piece], list[_Piec
     first, last = pieces[0].shift_s, pieces[-1].shift_s
     before = list(takewhile(lambda one: abs(one.shift_s - first) <= STEADY_S, pieces))
     after = list(takewhile(lambda one: abs(one.shift_s - last) <= STEADY_S, reversed(pieces)))[::-1]
-    if abs(last - first) <= LEAST_STEP_S or len(before) + len(after) < expected - 1:
+    if abs(last - first) <= LEAST_CLOCK_STEP_S or len(before) + len(after) < expected - 1:
         return None
     return before, after
 

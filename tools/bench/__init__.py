@@ -3,7 +3,7 @@
 - Figures of the README, on recordings: solve, replay_live, station_folder, gnss_recordings, detection, detection_int8,
   detection_rendered.
 - Figures on made-up scenes, over many seeds: station_tracking, station_guard, station_day, survey_network,
-  solve_hazards (what people bring: is the answer ever confidently wrong?),
+  clocks (set at random, found again), solve_hazards (what people bring: is the answer ever confidently wrong?),
   survey_sigma.
 - Acceptance, with real processes, faults and enemies: field, impostors, intruder, mavlink_forgery, mavlink_peers,
   scale, gnss_corruption.
