@@ -10,3 +10,11 @@ __all__ = ["CalibrationError", "LensError", "SkyfixError"]
 
 class CalibrationError(SkyfixError):
     """The observations do not determine what was asked for."""
+
+
+class ContradictionError(CalibrationError):
+    """What is claimed of the site contradicts itself, and why is known: no other beginning would mend it."""
+
+
+class UndeterminedError(CalibrationError):
+    """What was seen leaves the network open."""

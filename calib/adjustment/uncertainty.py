@@ -1,8 +1,11 @@
 """How certain a settled adjustment is of what it found: its cameras, and anything on the flight that they carry.
 
 The hazard is to take the flight's own covariance for the whole: the cameras' errors move every position together, and
-do not average away.
+do not average away. Another is the tangent: what pixels determine is the inverse of a distance, and a distance known to
+a fifth of itself may as well be infinite; its covariance, a straight line at the estimate, says it is not.
 """
+
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +14,9 @@ from calib.adjustment.normal import local_covariance
 from calib.adjustment.projection import Projected, unknowns_of
 from calib.geometry.spline import ORDER, Located
 from edge.common.arrays import Array
+
+SURE_SIGMAS: Final = 4.0  # to which a stated sigma has to hold
+WIDEST: Final = 20.0  # times the tangent's sigma: the distance is open, and refused as such
 
 
 def camera_covariance(adjusted: Adjusted, problem: Problem) -> Array:
@@ -29,6 +35,22 @@ def position_covariance(adjusted: Adjusted, problem: Problem, located: Located) 
     carried = adjusted.factor.carried.reshape(-1, 3, len(cameras))
     moved = sum(w[:, i, None, None] * carried[four[:, i]] for i in range(ORDER))
     total: Array = covariance + (moved @ cameras) @ np.transpose(moved, (0, 2, 1))
+    return total
+
+
+def curved(covariance: Array, points: Array, middle: Array) -> Array:
+    """Covariance (N, 3, 3) of points (N, 3), as wide along the line of sight as the inverse of the distance allows.
+
+    middle: (3,) of the cameras. With s one sigma of the distance as a share of it, the inverse distance at SURE_SIGMAS
+    is 1 - SURE_SIGMAS s of what it is, and the distance beyond by so much; infinite where that is nothing.
+    """
+    sight = points - middle
+    distance = np.linalg.norm(sight, axis=1)
+    sight = sight / distance[:, None]
+    share = np.sqrt(np.einsum("ni,nij,nj->n", sight, covariance, sight)) / distance
+    wider = 1 / np.maximum(1 - SURE_SIGMAS * share, 1 / WIDEST) - 1
+    stretch = np.eye(3) + wider[:, None, None] * sight[:, :, None] * sight[:, None, :]
+    total: Array = stretch @ covariance @ stretch
     return total
 
 

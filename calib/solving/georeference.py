@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from calib.errors import CalibrationError
+from calib.errors import CalibrationError, ContradictionError
 from calib.geometry.similarity import Similarity, SimilarityFit, fit_similarity, fit_with_up, rms
 from calib.observations import SiteCamera
 from calib.solving.doubts import SLIPS_M, Claim, Doubt
@@ -118,7 +118,7 @@ class _Survey:
             raise CalibrationError(how, where="georeferencing", action=CHECK_UP)
         which = f"{found[0].words}" if len(found) == 1 else ", or ".join(one.words for one in found)
         apart = "" if len(found) == 1 else "; these cannot be told apart"
-        raise CalibrationError(f"{how}: {which}{apart}", where="georeferencing", action="correct it and solve again")
+        raise ContradictionError(f"{how}: {which}{apart}", where="georeferencing", action="correct it and solve again")
 
     def _exchanged(self) -> Iterator[_Explanation]:
         for i, j in combinations(range(len(self.names)), 2):

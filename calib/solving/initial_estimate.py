@@ -89,8 +89,12 @@ def from_network(inputs: Inputs, start: Network) -> InitialEstimate:
         raise CalibrationError(
             f"{len(cameras)} cameras of the earlier network saw anything", where=start.site, action="calibrate anew"
         )
+    return begun(inputs, cameras, {camera.id: Clock(camera.clock_offset_s, camera.clock_rate) for camera in cameras})
+
+
+def begun(inputs: Inputs, cameras: tuple[Camera, ...], clocks: dict[str, Clock]) -> InitialEstimate:
+    """The estimate that cameras in ENU begin with. clocks: theirs."""
     poses = {camera.id: Pose(camera.R_cam_enu, camera.centre_enu, 1.0) for camera in cameras}
-    clocks = {camera.id: Clock(camera.clock_offset_s, camera.clock_rate) for camera in cameras}
     offsets = {name: clock.offset_s for name, clock in clocks.items()}
     return InitialEstimate(cameras, _objects(at_pace(inputs.tracks, clocks), offsets, poses))
 

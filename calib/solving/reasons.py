@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from calib.adjustment.flight import FlightEstimate
-from calib.errors import CalibrationError
+from calib.errors import CalibrationError, ContradictionError
 from calib.solving.found import Cause
 from calib.solving.inputs import Inputs
 from calib.solving.readings import other_sizes
@@ -42,7 +42,7 @@ def refuse_alone(inputs: Inputs, tracks: Tracks) -> None:
 
 
 def refuse_bent(inputs: Inputs, tracks: Tracks, offsets: dict[str, float], scaffold: Scaffold) -> None:
-    """Raises CalibrationError for a scaffold that hardly holds, of cameras whose lens files are all of another size.
+    """Raises ContradictionError for a scaffold that hardly holds, of cameras whose lens files are all of another size.
 
     Three cameras can fit one another somehow. But then not well, and others do not fit at all; where there are only
     two that do, nothing says that they do so rightly.
@@ -50,7 +50,7 @@ def refuse_bent(inputs: Inputs, tracks: Tracks, offsets: dict[str, float], scaff
     shares = [pose.share for pose in scaffold.poses.values()]
     doubtful = len(shares) < len(offsets) and (min(shares) < GOOD_SHARE or len(shares) < FRAME_NEEDS)
     if doubtful and not _apart(tracks, offsets, scaffold) and (every := _wrong_in_all(inputs, tracks, offsets)):
-        raise CalibrationError(every.what, where="lens files", action=every.cure)
+        raise ContradictionError(every.what, where="lens files", action=every.cure)
 
 
 def too_few_poses(

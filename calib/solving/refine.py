@@ -80,14 +80,14 @@ class _Attempt:
     _blind: str | None = None
 
     def __post_init__(self) -> None:
-        self.problem, self.estimate = _problem(self.inputs, self.initial, self.knots_s)
+        self.problem, self.estimate = problem_of(self.inputs, self.initial, self.knots_s)
 
     def adjust(self) -> None:
         """Adjust what there is; `adjusted` stays None if a camera hardly saw anything, or nothing can be determined."""
-        self.problem, self.estimate = _problem(self.inputs, self.initial, self.knots_s)
+        self.problem, self.estimate = problem_of(self.inputs, self.initial, self.knots_s)
         self.adjusted = None
         if self._blind_camera() is None:
-            weights = self.weights or _first_weights(self.problem, self.estimate)
+            weights = self.weights or first_weights(self.problem, self.estimate)
             try:
                 self.adjusted = adjust(self.problem, self.estimate, weights)
             except CalibrationError:
@@ -147,7 +147,8 @@ def _most_doubtful(initial: InitialEstimate) -> str | None:
     return worst if enough and shares[worst] < float(np.median(list(shares.values()))) else None
 
 
-def _problem(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> tuple[Problem, FlightEstimate]:
+def problem_of(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> tuple[Problem, FlightEstimate]:
+    """What is adjusted, and the estimate that the adjustment begins with."""
     cameras = on_site_time(initial.cameras, inputs.sites)
     priors = camera_priors(cameras, inputs.sites)
     if initial.gauge:
@@ -177,7 +178,8 @@ def _local_gauge(priors: tuple[CameraPrior, ...], gauge: tuple[str, str]) -> tup
     return tuple(by_id[prior.mean.id] for prior in priors)
 
 
-def _first_weights(problem: Problem, estimate: FlightEstimate) -> Weights:
+def first_weights(problem: Problem, estimate: FlightEstimate) -> Weights:
+    """Weights for an estimate that nothing has been adjusted of yet: rather too wide."""
     hops = np.linalg.norm(np.diff(estimate.control, axis=0), axis=1)
     speed = float(np.median(hops)) / estimate.flight.spacing_s
     sigma = np.array([FIRST_SIGMA_RAY * camera.lens.intrinsics[0] for camera in estimate.cameras])

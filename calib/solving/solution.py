@@ -24,7 +24,7 @@ from calib.adjustment.projection import (
     centre_of,
     site_time_s,
 )
-from calib.adjustment.uncertainty import camera_covariance, position_covariance
+from calib.adjustment.uncertainty import camera_covariance, curved, position_covariance
 from calib.geometry.spline import Flight, evaluate
 from calib.network import POSE_SIZE, Network
 from calib.solving.evidence import Evidence
@@ -203,11 +203,13 @@ def trajectory_of(adjusted: Adjusted, problem: Problem, t_mid_unix_ns: int) -> T
     t_unix_ns = np.round((t - offset_s) * ROWS_PER_S).astype(np.int64) * step_ns + first_row_ns
     target = estimate.flight.target[stretch]
     order = np.lexsort((target, t_unix_ns))
+    points = evaluate(located, estimate.control)
+    middle = np.mean([camera.centre_enu for camera in estimate.cameras], axis=0)
     return Trajectory(
         t_unix_ns[order],
         target[order],
-        evaluate(located, estimate.control)[order],
-        position_covariance(adjusted, problem, located)[order],
+        points[order],
+        curved(position_covariance(adjusted, problem, located), points, middle)[order],
         count[order],
     )
 
