@@ -80,12 +80,20 @@ def _rolling_shutter(rng: np.random.Generator) -> Brought:
     return _usual(rng, readout_s=float(rng.uniform(0.005, 0.03)), publish_readout=published)
 
 
-def _cliff(rng: np.random.Generator) -> Brought:
-    """Upright cameras on the edge of a cliff, everything flown below them."""
+def _cliff(rng: np.random.Generator, *, level: bool) -> Brought:
+    """Upright cameras on the edge of a cliff, everything flown below them.
+
+    Pictures whose v is counted upwards make the same world of a flight above: unless one camera says where up is (its
+    level), a refusal is right.
+    """
     centres = scenery.arc(rng, scenery.usual_count(rng)) + np.array([0.0, 0.0, float(rng.uniform(80, 110))])
     cameras = scenery.stand(centres)
     thing = scenery.wander(rng, 75.0)
-    return Brought(simulate(scenery.scene(rng, cameras, thing, duration_s=75.0)), healthy=True)
+    simulated = simulate(scenery.scene(rng, cameras, thing, duration_s=75.0))
+    if not level:
+        return Brought(simulated)
+    one = (scenery.name_of(int(rng.integers(len(cameras)))),)
+    return Brought(levelled(simulated, rng, LEVEL_SIGMA_DEG, LEVEL_SIGMA_DEG, one), healthy=True)
 
 
 def _ceiling(rng: np.random.Generator) -> Brought:
@@ -154,7 +162,8 @@ HEALTHY: Final = (
     Kind("healthy_sparse", _sparse, healthy=True),
     Kind("healthy_drift", partial(_usual, drift_px=2.0, drift_s=2.0), healthy=True),
     Kind("healthy_shutter", _rolling_shutter, healthy=True),
-    Kind("healthy_cliff", _cliff, healthy=True),
+    Kind("healthy_cliff", partial(_cliff, level=True), healthy=True),
+    Kind("cliff_without_level", partial(_cliff, level=False)),
     Kind("healthy_ceiling", _ceiling, healthy=True),
     Kind("healthy_all_low", _all_low, healthy=True),
     Kind("healthy_two_drones", _two_drones, healthy=True),
