@@ -24,7 +24,7 @@ from calib.solving.scaffold import Pose
 from calib.solving.series import even
 from edge.common.arrays import Array
 
-INSTANTS: Final = 60  # that the assumptions are judged by
+COMPARED_INSTANTS: Final = 60  # that the assumptions are judged by
 FEWEST_INSTANTS: Final = 20  # of them that another camera must share
 HEADINGS_RAD: Final = np.radians(np.arange(0.0, 360.0, 15.0))
 ELEVATIONS_RAD: Final = np.radians(np.arange(-20.0, 80.0, 15.0))
@@ -52,7 +52,7 @@ def from_survey(inputs: Inputs, clocks: dict[str, Clock]) -> list[tuple[Camera, 
     first = max(names, key=lambda name: inputs.tracks[name][0].duration_s)
     names = [first, *(name for name in names if name != first)]
     longest = {name: inputs.tracks[name][0].stretched(clocks[name].rate) for name in names}
-    t_s = longest[first].t_s[even(len(longest[first].t_s), INSTANTS)] + offsets[first]
+    t_s = longest[first].t_s[even(len(longest[first].t_s), COMPARED_INSTANTS)] + offsets[first]
     rays = {name: longest[name].at(t_s - offsets[name]) for name in names}
     names = [name for name in names if int(np.isfinite(rays[name][:, 0]).sum()) >= FEWEST_INSTANTS]
     if len(names) < fewest:
