@@ -14,7 +14,7 @@ from calib.guarding.evidence import ObjectEvidence
 from calib.guarding.objects import AGREE
 
 FIRST_SHARE: Final = 0.25  # one sigma, before anything was seen
-FIRST_SLICES: Final = 3.0  # slices of one object that this is worth
+FIRST_SLICES: Final = 1.5  # slices of one object that this is worth
 LARGEST_SHARE: Final = 0.7
 MEMORY_SLICES: Final = 240.0  # of one object: what was learnt longer ago is forgotten
 

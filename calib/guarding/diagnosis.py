@@ -30,7 +30,7 @@ STEP_SIGMA_S: Final = 0.3  # one sigma of what a clock steps by
 CLOCK_BELIEF: Final = (
     8.0  # nats: at most so much is a stated bound worth against a step; a bound may be a lie, once in 3000
 )
-TELLS_CAUSE: Final = 4.0  # nats between the two causes, before one is told
+TELLS_CAUSE: Final = 7.0  # nats between the two causes, before one is told
 ASTRAY: Final = 30.0  # taken off the sum of squares by one camera's change: then something is wrong
 NAMING_MARGIN: Final = 16.0  # by which it must take off more than any other camera's change, to be named
 NAMING_MARGIN_SHARE: Final = 0.15  # and this share of it

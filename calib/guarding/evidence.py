@@ -21,7 +21,7 @@ from edge.common.arrays import Array
 FAULT_SIZE: Final = POSE_SIZE + 1  # rotation vector, centre, clock (s, later)
 UNKNOWNS: Final = FAULT_SIZE + 2  # and the offset in the image, px
 TOUCHES: Final = 2  # of the tangent: witnesses' middle of two rays is not the best point yet
-DEVIANT: Final = 3.0  # sigma from its slice's median, beyond which an instant counts less
+DEVIANT: Final = 4.0  # sigma from its slice's median, beyond which an instant counts less
 FREE_POINT_M2: Final = 1e-8  # 1 / m^2: a point may be anywhere, and two rays alone must not make it singular
 
 
@@ -93,10 +93,13 @@ def evidence(looks: Sequence[CameraLook], seen: SeenObject) -> ObjectEvidence:
 
 
 def _weights(off: Array, known: Array, noise: Array) -> Array:
-    """(C, S) inverse variances; an instant far from its camera's own median counts less."""
+    """(C, S) inverse variances; an instant far from its camera's own median counts less (Geman and McClure 1987).
+
+    In the slice in which a camera is knocked, half the instants are still where they were.
+    """
     median = np.array([np.median(o[k], axis=0) if k.any() else np.zeros(2) for o, k in zip(off, known, strict=True)])
     apart = np.linalg.norm(off - median[:, None], axis=2) / noise[:, None]
-    weights: Array = 1.0 / noise[:, None] ** 2 / (1 + (apart / DEVIANT) ** 2)
+    weights: Array = 1.0 / noise[:, None] ** 2 / (1 + (apart / DEVIANT) ** 2) ** 2
     return weights
 
 

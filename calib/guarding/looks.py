@@ -22,9 +22,7 @@ UNSAID_WIDTH_PX: Final = 8.0  # of a box that nobody told the width of
 FADES_S: Final = 0.1  # s: errors gone so soon are noise
 LASTS_S: Final = 1.0  # s: errors that stay so long are no noise at all
 MEDIAN_SHARE: Final = 0.6  # of the noise, in the median of a slice's instants
-BETWEEN_ROWS: Final = (
-    0.9  # of a row's noise, in a pixel between two: sqrt(2 / 3) in the mean, and neighbours share rows
-)
+BETWEEN_ROWS: Final = 0.82  # of a row's noise, in a pixel between two: sqrt(2 / 3) in the mean
 INSTANTS_APART_S: Final = 0.1  # between a slice's instants
 
 

@@ -2,7 +2,7 @@
 
 The hazard is to take a wander for a step, or a step for a wander. A consumer's camera is off its calibration by tens of
 milliseconds after a minute, and nobody is at fault; but it does not get there within seconds. So such a clock is held
-against what it itself showed a little earlier, if the flight told it then.
+against what it itself showed a little earlier, as far as the flight told it then.
 """
 
 from collections import deque
@@ -17,7 +17,6 @@ UNDISCIPLINED_SIGMA_S: Final = 0.05  # of a clock that states nothing: by so muc
 WANDER_SIGMA_S: Final = 0.004  # of such a clock, against itself some ten seconds ago
 SETTLED_NS: Final = 8_000_000_000  # ago: longer than evidence is kept, so that no step of the last seconds is in it
 KEPT_NS: Final = 40_000_000_000
-TOLD_SIGMA_S: Final = 0.02  # a flight that says less says nothing
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,6 @@ class ClockWander:
         off_s, sigma_s = np.zeros(cameras), np.full(cameras, UNDISCIPLINED_SIGMA_S)
         for then_ns, found in self._past:
             if then_ns <= t_unix_ns - SETTLED_NS:
-                told = found.sigma_s < TOLD_SIGMA_S
-                off_s = np.where(told, found.off_s, off_s)
-                sigma_s = np.where(told, np.hypot(found.sigma_s, WANDER_SIGMA_S), sigma_s)
+                off_s = found.off_s
+                sigma_s = np.minimum(np.hypot(found.sigma_s, WANDER_SIGMA_S), UNDISCIPLINED_SIGMA_S)
         return ClockEstimate(off_s, sigma_s)
