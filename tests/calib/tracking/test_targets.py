@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from calib.observations import Frame
 from calib.tracking.targets import TargetEstimate, TargetState, Tracker
+from tools.doubles.faults import VICTIM, CameraFault, faulty_frames
 from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make
 
 SPEC = Spec(cameras=4, uavs=2, rate_hz=15.0, duration_s=6.0)
@@ -203,3 +204,41 @@ def test_the_same_frames_give_the_same_bytes() -> None:
     scene = make(SPEC)
     one, other = (track(scene)[1] for _ in range(2))
     assert [e.position_enu.tobytes() for e in one] == [e.position_enu.tobytes() for e in other]
+
+
+def test_a_camera_that_misled_widens_its_targets_at_once_and_the_others_bring_them_back() -> None:
+    scene = make(replace(SPEC, duration_s=8.0))
+    tracker, misled_m, after = Tracker(scene.network), 0.0, []
+    for arrival_ns, frame in faulty_frames(scene, CameraFault("turned", turn_deg=0.15), 5.0):
+        at_s = (arrival_ns - T0_UNIX_NS) * 1e-9
+        if frame.camera == VICTIM and at_s > 6.5:
+            if not misled_m:
+                misled_m = max(error_m(scene, e) for e in tracker.estimates(tracker.newest_s))
+                assert tracker.distrust(VICTIM, np.radians(0.15)) == [], "the others hold both"
+                for e in tracker.estimates(tracker.newest_s):
+                    assert VICTIM not in e.cameras
+                    # What the camera was off at its distance, 0.3 m at 120 m, is in sigma now.
+                    assert error_m(scene, e) < 4 * np.sqrt(np.trace(e.covariance[:3, :3]))
+            continue
+        tracker.observe(frame)
+        tracker.advance(tracker.newest_s)
+        if at_s > 7.5:
+            after += tracker.estimates(tracker.newest_s)
+    assert misled_m > 0.15, "else nothing was on trial: six centimetres are usual"
+    assert max(error_m(scene, e) for e in after) < 0.3
+
+
+def test_targets_that_hung_on_a_camera_and_one_other_end_with_it() -> None:
+    scene = make(replace(SPEC, uavs=1, duration_s=4.0))
+    stream = ((at, frame) for at, frame in frames(scene) if frame.camera in ("cam1", VICTIM))
+    tracker, _ = track(scene, stream)
+    held = tracker.confirmed
+    ended = tracker.distrust(VICTIM, 0.01)
+    assert [e.state for e in ended] == [TargetState.LOST] * held
+    assert tracker.confirmed == 0
+
+
+def test_all_targets_end_where_nothing_is_believed() -> None:
+    tracker, _ = track(make(SPEC))
+    assert [(e.track, e.state) for e in tracker.dismiss()] == [(1, TargetState.LOST), (2, TargetState.LOST)]
+    assert (tracker.confirmed, tracker.tentative, tracker.next_track) == (0, 0, 3)
