@@ -67,7 +67,7 @@ class Machine:
         words += [
             "--keep-unit",
             "--console=pipe",
-            f"--machine={self._folder.name}",
+            f"--machine={self._folder.name.replace('_', 'x')}",
             "--resolv-conf=off",
             "--timezone=off",
         ]
