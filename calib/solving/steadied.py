@@ -13,7 +13,7 @@ import numpy as np
 from calib.adjustment.priors import ALIGNED_TO_S, CONTRADICTING_RATE
 from calib.observations import SiteCamera
 from calib.solving.clock_consensus import Clock
-from calib.solving.clock_steps import PIECE_S, Partners, Stretch, steadiness
+from calib.solving.clock_steps import LEAST_WITNESSES, PIECE_S, Partners, Stretch, steadiness
 from calib.solving.clocks import FASTEST_RATE
 from calib.solving.found import Cause, Found
 from calib.solving.inputs import Inputs
@@ -78,8 +78,7 @@ def steadied_clocks(inputs: Inputs, clocks: dict[str, CameraClock]) -> SteadiedC
         site = inputs.sites[name]
         if result.stretches:
             settled.add(name)
-        elif clocks[name].contradicts or abs(clocks[name].clock.rate) > CONTRADICTING_RATE:
-            # What the whole track says against its box or at a pace of its own, no part of it says again.
+        elif _refuted(clocks[name], partners):
             told[name] = CameraClock(Clock(), Origin.UNKNOWN, (), NO_STEADY)
         if result.unsteady:
             told[name] = CameraClock(Clock(), Origin.UNKNOWN, (), NOT_STEADY)
@@ -98,11 +97,16 @@ def steadied_clocks(inputs: Inputs, clocks: dict[str, CameraClock]) -> SteadiedC
 
 
 def _doubtful(clock: CameraClock) -> bool:
-    """Unknown, against its box's word, at a pace of its own, or fitting poorly."""
+    """Unknown, against its box's word, or fitting poorly; a pace of its own that fits well is a clock's."""
     if clock.origin is Origin.ASSUMED:
         return False
-    own_pace = abs(clock.clock.rate) > CONTRADICTING_RATE
-    return clock.origin is Origin.UNKNOWN or own_pace or clock.contradicts or clock.gain < POOR_GAIN
+    return clock.origin is Origin.UNKNOWN or clock.contradicts or clock.gain < POOR_GAIN
+
+
+def _refuted(clock: CameraClock, partners: Partners) -> bool:
+    """Whether a clock that the whole track fits poorly, and that no part of it confirms, is not to be used."""
+    strange = clock.contradicts or abs(clock.clock.rate) > CONTRADICTING_RATE
+    return strange and clock.gain < POOR_GAIN and len(partners) >= LEAST_WITNESSES
 
 
 def _about(clock: Clock) -> Clock:
