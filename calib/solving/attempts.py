@@ -114,7 +114,7 @@ def _readmitted(timed: Timed, refined: Refined, knots_s: float) -> Refined:
     inputs = timed.inputs
     while True:
         objects = dict(refined.initial.objects)
-        untried = {name: own for name, own in inputs.tracks.items() if name not in tried}
+        untried = {name: own for name, own in refined.initial.tracks.items() if name not in tried}
         back = readmit(refined.adjusted.estimate, untried, inputs.sites, objects, timed.clocks)
         if not back:
             return refined

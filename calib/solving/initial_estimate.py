@@ -6,6 +6,8 @@ adjustment, its residuals and the cameras' own survey decide what becomes of it.
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from calib.errors import CalibrationError
 from calib.geometry.similarity import UNCHANGED
 from calib.network import Camera, Network
@@ -22,7 +24,8 @@ from calib.solving.strain import Believed
 
 @dataclass(frozen=True)
 class InitialEstimate:
-    """cameras in their frame; objects: which track shows which; doubts: what of the survey it does not rest on.
+    """cameras in their frame; objects: which track shows which, of `tracks`, which are cut where they change their
+    object; doubts: what of the survey it does not rest on.
 
     shares: of each camera's rows that its first pose explains. gauge: for a local frame, the two cameras that hold it
     (the first's pose, the direction and length to the second).
@@ -33,6 +36,7 @@ class InitialEstimate:
     doubts: tuple[Believed, ...] = ()
     gauge: tuple[str, str] | None = None
     shares: dict[str, float] = field(default_factory=dict)
+    tracks: dict[str, list[TrackSeries]] = field(default_factory=dict)
 
 
 def from_scaffold(inputs: Inputs, clocks: dict[str, Clock], *, local: bool) -> InitialEstimate:
@@ -44,7 +48,7 @@ def from_scaffold(inputs: Inputs, clocks: dict[str, Clock], *, local: bool) -> I
     refuse_alone(inputs, tracks)
     scaffold = build(tracks, offsets)
     refuse_bent(inputs, tracks, offsets, scaffold)
-    objects = _objects(tracks, offsets, scaffold.poses)
+    objects, cut = _objects(inputs.tracks, clocks, scaffold.poses)
     frame = Georeference(UNCHANGED) if local else _georeferenced(inputs, tracks, offsets, scaffold)
     shares = {name: pose.share for name, pose in scaffold.poses.items()}
     cameras = tuple(
@@ -54,7 +58,8 @@ def from_scaffold(inputs: Inputs, clocks: dict[str, Clock], *, local: bool) -> I
         )
         for name in sorted(scaffold.poses)
     )
-    return InitialEstimate(cameras, objects, frame.doubts, scaffold.pair if local else None, shares)
+    gauge = scaffold.pair if local else None
+    return InitialEstimate(cameras, objects, frame.doubts, gauge, shares, cut)
 
 
 def at_pace(tracks: dict[str, list[TrackSeries]], clocks: dict[str, Clock]) -> dict[str, list[TrackSeries]]:
@@ -95,9 +100,23 @@ def from_network(inputs: Inputs, start: Network) -> InitialEstimate:
 def begun(inputs: Inputs, cameras: tuple[Camera, ...], clocks: dict[str, Clock]) -> InitialEstimate:
     """The estimate that cameras in ENU begin with. clocks: theirs."""
     poses = {camera.id: Pose(camera.R_cam_enu, camera.centre_enu, 1.0) for camera in cameras}
-    offsets = {name: clock.offset_s for name, clock in clocks.items()}
-    return InitialEstimate(cameras, _objects(at_pace(inputs.tracks, clocks), offsets, poses))
+    objects, cut = _objects(inputs.tracks, clocks, poses)
+    return InitialEstimate(cameras, objects, tracks=cut)
 
 
-def _objects(tracks: dict[str, list[TrackSeries]], offsets: dict[str, float], poses: dict[str, Pose]) -> dict[Key, int]:
-    return identify(tracks, offsets, poses, threshold_ray([tracks[name] for name in poses]))
+def _objects(
+    tracks: dict[str, list[TrackSeries]], clocks: dict[str, Clock], poses: dict[str, Pose]
+) -> tuple[dict[Key, int], dict[str, list[TrackSeries]]]:
+    """Which track shows which object, and all tracks, cut where they change it, by the stamps as they came."""
+    seen, offsets = at_pace(tracks, clocks), {name: clock.offset_s for name, clock in clocks.items()}
+    found = identify(seen, offsets, poses, threshold_ray([seen[name] for name in poses]))
+    stamped = {name: _as_stamped(own, tracks[name]) for name, own in found.tracks.items()}
+    return found.objects, {**tracks, **stamped}
+
+
+def _as_stamped(own: list[TrackSeries], whole: list[TrackSeries]) -> list[TrackSeries]:
+    """Pieces of tracks with the times of the whole ones."""
+    t_s = np.full(max(int(track.row.max()) for track in whole) + 1, np.nan)
+    for track in whole:
+        t_s[track.row] = track.t_s
+    return [replace(track, t_s=t_s[track.row]) for track in own]

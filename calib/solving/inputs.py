@@ -10,7 +10,10 @@ import numpy as np
 
 from calib.errors import CalibrationError
 from calib.observations import Scene, SiteCamera
-from calib.solving.series import TrackSeries, noise_ray, split_tracks
+from calib.solving.camera_tracks import camera_tracks
+from calib.solving.copies import refuse_copies
+from calib.solving.found import Found
+from calib.solving.series import TrackSeries, noise_ray
 from edge.lens import LensModel
 
 STANDING_RAY: Final = 2e-3  # ray units over a whole track: 0.2 m at 100 m, what a lamp does in the wind
@@ -21,6 +24,7 @@ FEWEST_CAMERA_ROWS: Final = 30  # of a camera: below it there is nothing to alig
 @dataclass(frozen=True)
 class Inputs:
     """sites, tracks: by camera; only cameras with a track are in `tracks`, the others in left_out with the reason.
+    found: what was wrong with their rows.
 
     t_mid_unix_ns: middle of the flight, the epoch of all times in seconds and of the clock rates.
     """
@@ -30,12 +34,13 @@ class Inputs:
     sites: dict[str, SiteCamera]
     tracks: dict[str, list[TrackSeries]]
     left_out: dict[str, str]
+    found: tuple[Found, ...] = ()
 
 
 def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] | None = None) -> Inputs:
     """Sort a scene out. local: surveyed positions are not used. lenses: better than the site's, to read tracks with.
 
-    Raises CalibrationError if fewer than two cameras saw anything.
+    Raises CalibrationError if fewer than two cameras saw anything, or two saw the very same.
     """
     cameras = [replace(c, position_enu=None, position_covariance=None) if local else c for c in scene.cameras]
     sites = {camera.id: camera for camera in cameras}
@@ -48,15 +53,20 @@ def prepare(scene: Scene, *, local: bool = False, lenses: dict[str, LensModel] |
         raise CalibrationError(
             f"{len(seen)} cameras saw anything, two must", where=scene.site, action="check that the detectors run"
         )
+    refuse_copies(seen, scene.site)
     starts, ends = zip(*((int(own.t_unix_ns[0]), int(own.t_unix_ns[-1])) for own in seen.values()), strict=True)
     t_mid = (int(np.median(starts)) + int(np.median(ends))) // 2
-    split = {name: split_tracks(own, (lenses or {}).get(name, sites[name].lens), t_mid) for name, own in seen.items()}
+    read = {
+        name: camera_tracks(name, own, (lenses or {}).get(name, sites[name].lens), t_mid) for name, own in seen.items()
+    }
+    split = {name: own.tracks for name, own in read.items()}
+    found = tuple(each for own in read.values() for each in own.found)
     for name in [name for name, own in split.items() if not own]:
         left_out[name] = "no track of ten rows lies within its lens model: check its lens file and resolution"
     moving = {name: [track for track in own if _moves(track)] for name, own in split.items() if own}
     for name in [name for name, own in moving.items() if not own]:
         left_out[name] = "what it follows does not move: look for a lamp, a dead pixel or a stopped detector"
-    return Inputs(scene, t_mid, sites, {name: own for name, own in moving.items() if own}, left_out)
+    return Inputs(scene, t_mid, sites, {name: own for name, own in moving.items() if own}, left_out, found)
 
 
 def _moves(track: TrackSeries) -> bool:

@@ -157,7 +157,7 @@ def problem_of(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> tupl
     estimate, data = first_estimate(
         inputs.scene,
         cameras,
-        inputs.tracks,
+        initial.tracks,
         initial.objects,
         t_mid=inputs.t_mid_unix_ns,
         spacing_s=knots_s,

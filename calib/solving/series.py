@@ -13,15 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import Observations
+from calib.solving.numbering import on_a_path
 from edge.common.arrays import Array
-from edge.lens import LensModel, pixel_to_ray
 
 LONGEST_BRIDGE_S: Final = 0.25  # a track is read between two of its rows no further apart: a UAV turns in longer
-MEDIAN_OF: Final = 9  # rows: four outliers among them do not move the median
-LEAST_JUMP_RAY: Final = 0.01  # ray units: what a fast object or a coarse camera moves between rows is no outlier
-JUMP_PACES: Final = 9.0  # times what it moves between rows: twice what a turn within the nine can look like
-SOUND_WINDOWS: Final = 0.8  # of nines, in which outliers are no majority even where three rows of ten are
 SLOW_CAMERA: Final = 2.5  # times its own interval a camera of few frames a second may miss
 SHORTEST_TRACK: Final = 10  # rows: fewer say nothing of a path
 MOST_TRACKS: Final = 40  # the longest are kept: every pair of two cameras' tracks is tried
@@ -65,36 +60,23 @@ class TrackSeries:
         return np.where(enclosed[:, None], rays, np.nan)
 
 
-def split_tracks(observations: Observations, lens: LensModel, t_mid_unix_ns: int) -> list[TrackSeries]:
-    """A camera's tracks, longest first; rows outside the lens model and repeated stamps are left out."""
-    t_s = (observations.t_unix_ns - t_mid_unix_ns) * 1e-9
-    rays = pixel_to_ray(lens, observations.pixels)
+def split_tracks(t_s: Array, rays: Array, label: NDArray[np.int64]) -> list[TrackSeries]:
+    """A camera's tracks, longest first; rows without a ray or a label (< 0) and repeated stamps are left out.
+
+    t_s: (N,) in time order; rays: (N, 2), NaN where there is none; label: (N,) which rows belong together.
+    """
     tracks = []
-    for number in np.unique(observations.track):
-        row = np.flatnonzero((observations.track == number) & np.isfinite(rays[:, 0]))
-        if len(row) == 0:
+    usable = np.flatnonzero(np.isfinite(rays[:, 0]) & (label >= 0))
+    order = usable[np.argsort(label[usable], kind="stable")]
+    for own in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        if len(own) < SHORTEST_TRACK:
             continue
-        row = row[np.concatenate([[True], np.diff(t_s[row]) > 0])]
-        row = row[_on_a_path(rays[row])]
+        once = own[np.concatenate([[True], np.diff(t_s[own]) > 0])]
+        row = once[on_a_path(rays[once])]
         if len(row) >= SHORTEST_TRACK:
-            tracks.append(TrackSeries(int(number), t_s[row], rays[row], row))
+            tracks.append(TrackSeries(int(label[row[0]]), t_s[row], rays[row], row))
     tracks.sort(key=lambda track: (-track.duration_s, track.number))
     return tracks[:MOST_TRACKS]
-
-
-def _on_a_path(rays: Array) -> NDArray[np.bool_]:
-    """(N,) which rows of a track lie where their neighbours say it was (Hampel 1974): an outlier is no path."""
-    if len(rays) < MEDIAN_OF:
-        return np.ones(len(rays), bool)
-    padded = np.pad(rays, ((MEDIAN_OF // 2, MEDIAN_OF // 2), (0, 0)), mode="edge")
-    around = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_OF, axis=0)
-    middle = np.median(around, axis=2)
-    off = np.abs(around - middle[:, :, None]).max(axis=1)
-    # What the third nearest of nine is off by: how fast it moves there, unless the window is full of outliers.
-    pace = np.sort(off, axis=1)[:, 2]
-    allowed = np.maximum(LEAST_JUMP_RAY, JUMP_PACES * np.minimum(pace, np.quantile(pace, SOUND_WINDOWS)))
-    near: NDArray[np.bool_] = np.abs(rays - middle).max(axis=1) <= allowed
-    return near
 
 
 def noise_ray(tracks: list[TrackSeries]) -> float:

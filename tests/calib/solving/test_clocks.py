@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from calib.simulation.simulation import simulate
+from calib.solving.camera_tracks import camera_tracks
 from calib.solving.clocks import FINE_STEP_S, align, chain, smooth
-from calib.solving.series import TrackSeries, split_tracks
+from calib.solving.series import TrackSeries
 from tests.calib.flights import site
 
 # Steps of a hundredth: the nearest is at most half of one away; a track read between rows adds the noise's own part.
@@ -16,7 +17,7 @@ def tracks(offsets_s: tuple[float, ...], **known: object) -> dict[str, list[Trac
     """Tracks of cameras whose clocks are slow by so much."""
     simulated = simulate(site(offsets_s=offsets_s, **known))  # type: ignore[arg-type]
     scene, t_mid = simulated.scene, simulated.start_unix_ns + round(simulated.duration_s / 2 * 1e9)
-    return {c.id: split_tracks(scene.observations[c.id], c.lens, t_mid) for c in scene.cameras}
+    return {c.id: camera_tracks(c.id, scene.observations[c.id], c.lens, t_mid).tracks for c in scene.cameras}
 
 
 def late(track: TrackSeries, by_s: float) -> TrackSeries:
@@ -45,7 +46,7 @@ def test_a_rate_comes_with_its_offset(rate: float) -> None:
     simulated = site(offsets_s=(0.0, 1.2, 0.0), noise_px=0.7, rate=rate, duration_s=120.0)
     scene = simulate(simulated).scene
     t_mid = simulated.start_unix_ns + round(60 * 1e9)
-    seen = {c.id: split_tracks(scene.observations[c.id], c.lens, t_mid) for c in scene.cameras}
+    seen = {c.id: camera_tracks(c.id, scene.observations[c.id], c.lens, t_mid).tracks for c in scene.cameras}
     found = align(seen["cam1"], seen["cam2"])
     assert found.convincing
     assert found.candidates[0].offset_s == pytest.approx(1.2, abs=2 * ALIGNED_S)

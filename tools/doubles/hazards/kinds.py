@@ -9,13 +9,15 @@ from tools.doubles.hazards.brought import Brought
 from tools.doubles.hazards.clock_faults import CLOCKS
 from tools.doubles.hazards.healthy import HEALTHY
 from tools.doubles.hazards.lens_faults import LENSES
+from tools.doubles.hazards.number_faults import NUMBERS
 from tools.doubles.hazards.pose_faults import POSES
 from tools.doubles.hazards.survey_faults import EXCHANGED, MISTAKEN
 from tools.doubles.hazards.table import Kind
 from tools.doubles.hazards.track_faults import TRACKS
+from tools.doubles.hazards.unseen_faults import UNSEEN
 from tools.doubles.hazards.weak_geometry import WEAK
 
-ALL: Final = (*HEALTHY, *EXCHANGED, *MISTAKEN, *LENSES, *WEAK, *TRACKS, *CLOCKS, *POSES)
+ALL: Final = (*HEALTHY, *EXCHANGED, *MISTAKEN, *LENSES, *WEAK, *TRACKS, *NUMBERS, *UNSEEN, *CLOCKS, *POSES)
 KINDS: Final[dict[str, Kind]] = {kind.name: kind for kind in ALL}
 HEALTHY_SHARE: Final = 3  # every third scene has nothing wrong in it
 
