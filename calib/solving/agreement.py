@@ -16,7 +16,7 @@ from calib.solving.scaffold import Pose
 from calib.solving.series import TrackSeries
 from edge.common.arrays import Array
 
-GRID_STEP_S: Final = 0.1  # of the grid: frames of a slow camera
+AGREEMENT_STEP_S: Final = 0.1  # of the grid: frames of a slow camera
 MOST_INSTANTS: Final = 6000  # of a long flight the grid is coarser
 FEW_INSTANTS: Final = 1000  # enough where each camera sees one thing at a time
 WINDOW: Final = 11  # instants, in which a state must be that of
@@ -59,7 +59,7 @@ def grid_of(tracks: dict[str, list[TrackSeries]], offsets: dict[str, float]) -> 
     begin = min(own[k].t_s[0] + offsets[name] for name, own in tracks.items() for k in range(len(own)))
     end = max(own[k].t_s[-1] + offsets[name] for name, own in tracks.items() for k in range(len(own)))
     most = MOST_INSTANTS if any(map(several_at_once, tracks.values())) else FEW_INSTANTS
-    return np.arange(begin, end, max(GRID_STEP_S, (end - begin) / most))
+    return np.arange(begin, end, max(AGREEMENT_STEP_S, (end - begin) / most))
 
 
 def several_at_once(tracks: list[TrackSeries]) -> bool:
