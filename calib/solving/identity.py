@@ -36,7 +36,7 @@ NO_CHANCE_S: Final = 5.0  # of common time, over which no chance lasts
 CHANCE_RAY: Final = 0.3  # across which other things are spread in a picture: one is as near as r by chance 1 in 0.3 / r
 UNLIKELY_MATCH: Final = 0.05  # chance of a match with something else, below which no third camera is asked
 RIVAL_MISFIT: Final = 3.0  # times its misfit: another track that is nearly as good
-CONTRADICTED: Final = 2.0  # times the threshold, at which two members of one group are not one object
+CONTRADICTED_MISFIT: Final = 2.0  # times the threshold, at which two members of one group are not one object
 Key = tuple[str, int]  # camera, track number
 
 
@@ -161,7 +161,7 @@ class _Scene:
                         return True
                 elif self.several and (pair := self._pairs.get((min(a, b), max(a, b)))):
                     misfit = pair.misfit[np.isfinite(pair.misfit)]
-                    if len(misfit) >= FEWEST_COMMON and np.median(misfit) > CONTRADICTED * self._threshold_ray:
+                    if len(misfit) >= FEWEST_COMMON and np.median(misfit) > CONTRADICTED_MISFIT * self._threshold_ray:
                         return True
         return False
 
