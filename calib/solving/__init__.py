@@ -7,7 +7,8 @@
    `initial_estimate` cameras roughly right: the `scaffold` of a pair's relative pose and resections into it,
    `identity`: data association of whole tracks; `bootstrap`: georeference by a similarity, and the flight's first
    control points by triangulation;
-3. `refine` the bundle adjustment (calib.adjustment), outlying cameras and positions (`survey_check`) taken out;
+3. `refine` the bundle adjustment (calib.adjustment), cameras that do not belong taken out, and what is claimed of the
+   site but cannot be believed less: `strain` weighs the `doubts`, `rivals` tells them apart;
 4. `readmit` what was left out, resected into the adjusted flight, and adjusted again with the others;
 5. `solution` network, trajectory and covariances; `evidence` held-out residuals; `findings` what the user must know.
 

@@ -15,9 +15,8 @@ from calib.adjustment.bundle import Adjusted, Problem, adjust_rounds
 from calib.adjustment.noise import RAYLEIGH_MEDIAN, robust_weight
 from calib.adjustment.projection import CameraData, Projected, project, site_time_s
 from calib.adjustment.uncertainty import prediction_px2
-from calib.solving.refine import survey_check
 from calib.solving.series import gap_to_nearest_s
-from calib.solving.survey_check import NetworkCheck
+from calib.solving.strain import PriorTest, survey_test
 from edge.common.arrays import Array
 
 GRID: Final = (6, 8)  # rows and columns the image is cut into: a lens's errors are smooth, and each cell needs rows
@@ -76,7 +75,7 @@ class Evidence:
     by_place: tuple[ByPlace, ...]
     held_out: tuple[HeldOut | None, ...]
     shared_rows: NDArray[np.int64]
-    survey: NetworkCheck | None
+    survey: PriorTest | None
     covariance: Array
 
 
@@ -90,7 +89,7 @@ def gather(adjusted: Adjusted, problem: Problem, covariance: Array) -> Evidence:
             adjusted.projected, problem.data, adjusted.estimate.cameras, adjusted.weights.sigma_px, strict=True
         )
     )
-    return Evidence(places, _held_out(adjusted, problem, near), shared, survey_check(adjusted, problem), covariance)
+    return Evidence(places, _held_out(adjusted, problem, near), shared, survey_test(adjusted, problem), covariance)
 
 
 def _near(adjusted: Adjusted, problem: Problem) -> list[list[NDArray[np.bool_]]]:

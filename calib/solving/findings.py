@@ -13,7 +13,7 @@ from calib.solving.clock_words import SIGNIFICANT, clock_words
 from calib.solving.doubts import Claim, Doubt
 from calib.solving.found import Cause, Found
 from calib.solving.solution import CameraReport
-from calib.solving.strain import CERTAIN, Strain
+from calib.solving.strain import Strain
 
 OFF_LENS: Final = 0.025  # of the focal length: more than lens files are usually good for
 CAUSES: Final = {
@@ -34,6 +34,7 @@ CURES: Final = {
     Claim.DISTORTION: "calibrate the lens (edge-node lens), and give raw pixels, not undistorted ones",
     Claim.CLOCK: "look at the time synchronisation of {whose}",
 }
+CORRECT: Final = "correct what is wrong, and solve again"
 MOST_TOLD: Final = 5  # explanations that are given one by one
 EXCHANGED: Final = 0.1  # of the distance between two tripods, within which each stands where the other was surveyed
 
@@ -55,19 +56,17 @@ def findings(
 
 def _doubted(strained: Strain, cameras: dict[str, CameraReport]) -> list[Found]:
     """What of the priors was not believed: by name where one explanation is left, else that they contradict."""
-    found = [_alone(one.doubt, cameras) for one in strained.doubts if one.probability >= CERTAIN]
-    rivals = [one.doubt for one in strained.doubts if one.probability < CERTAIN]
-    if rivals:
+    found = [_alone(doubt, cameras) for doubt in strained.certain]
+    if rivals := strained.rivals:
         names = tuple(sorted({name for doubt in rivals for name in doubt.cameras}))
         sentence = f"{contradiction(strained, len(cameras))}; none of these was believed"
-        found.append(Found(CAUSES[rivals[0].claim], names, sentence, undecided=True))
+        found.append(Found(CAUSES[rivals[0].claim], names, sentence, undecided=True, cure=CORRECT))
     return found
 
 
 def contradiction(strained: Strain, cameras: int) -> str:
     """That survey, lens files and clocks contradict the cameras, and who may be wrong. cameras: how many there are."""
-    rivals = [one.doubt for one in strained.doubts if one.probability < CERTAIN] or [d.doubt for d in strained.doubts]
-    words = list(dict.fromkeys(_is_off(doubt, cameras) for doubt in rivals))
+    words = list(dict.fromkeys(_is_off(doubt, cameras) for doubt in strained.rivals or strained.certain))
     what = f"what is claimed of the site contradicts what the cameras saw {strained.figures}"
     if len(words) > MOST_TOLD:
         return f"{what}, and nobody can tell where"
@@ -89,13 +88,14 @@ def _whose(doubt: Doubt, cameras: int) -> str:
 
 def _alone(doubt: Doubt, cameras: dict[str, CameraReport]) -> Found:
     """The finding about the one thing that is wrong."""
-    return Found(CAUSES[doubt.claim], doubt.cameras, _exchanged(doubt, cameras) or _disbelieved(doubt, cameras))
-
-
-def _disbelieved(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:
+    cause = CAUSES[doubt.claim]
+    if _exchanged(doubt, cameras):
+        sentence = f"the positions of {' and '.join(doubt.cameras)} are exchanged, and neither was believed"
+        return Found(cause, doubt.cameras, sentence, cure="exchange them in the survey")
     it, was = ("it", "was") if len(doubt.cameras) == 1 else ("them", "were")
+    sentence = f"{_is_off(doubt, len(cameras))}{_by_how_much(doubt, cameras)} and {was} not believed"
     cure = CURES[doubt.claim].format(it=it, whose=_whose(doubt, len(cameras)))
-    return f"{_is_off(doubt, len(cameras))}{_by_how_much(doubt, cameras)} and {was} not believed: {cure}"
+    return Found(cause, doubt.cameras, sentence, cure=cure)
 
 
 def _by_how_much(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:
@@ -112,18 +112,16 @@ def _by_how_much(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:
     return ""
 
 
-def _exchanged(doubt: Doubt, cameras: dict[str, CameraReport]) -> str | None:
-    """The sentence about two positions that are each other's; None if these are not."""
+def _exchanged(doubt: Doubt, cameras: dict[str, CameraReport]) -> bool:
+    """Whether two positions that are doubted are each other's."""
     if doubt.claim is not Claim.POSITION or len(doubt.cameras) != 2:
-        return None
-    one, two = doubt.cameras
-    if not _in_each_others_place(cameras.get(one), cameras.get(two)):
-        return None
-    return f"the positions of {one} and {two} are exchanged: neither was believed; exchange them in the survey"
+        return False
+    one, two = (cameras.get(name) for name in doubt.cameras)
+    return one is not None and two is not None and _in_each_others_place(one, two)
 
 
-def _in_each_others_place(one: CameraReport | None, two: CameraReport | None) -> bool:
-    if one is None or two is None or one.survey_misfit_m is None or two.survey_misfit_m is None:
+def _in_each_others_place(one: CameraReport, two: CameraReport) -> bool:
+    if one.survey_misfit_m is None or two.survey_misfit_m is None:
         return False
     here, there = np.array(one.centre_enu), np.array(two.centre_enu)
     surveyed_here, surveyed_there = here - one.survey_misfit_m, there - two.survey_misfit_m

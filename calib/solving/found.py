@@ -22,13 +22,14 @@ class Cause(StrEnum):
 @dataclass(frozen=True)
 class Found:
     """cameras: of which `cause` is wrong, all of them together; none: it is of the site. undecided: one of them is the
-    one, and the observations cannot tell which.
+    one, and the observations cannot tell which. cure: what to do about it, where that can be said.
     """
 
     cause: Cause
     cameras: tuple[str, ...]
     sentence: str
     undecided: bool = False
+    cure: str = ""
 
     def __str__(self) -> str:
-        return self.sentence
+        return f"{self.sentence}: {self.cure}" if self.cure else self.sentence

@@ -10,13 +10,12 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from calib.adjustment.bundle import Adjusted, Problem, adjust
 from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
-from calib.adjustment.projection import ROTATION, centre_of
+from calib.adjustment.projection import ROTATION
 from calib.adjustment.weights import Weights
 from calib.errors import CalibrationError
 from calib.network import Camera
@@ -25,7 +24,6 @@ from calib.solving.initial_estimate import InitialEstimate
 from calib.solving.inputs import FEWEST_CAMERA_ROWS, Inputs
 from calib.solving.rivals import told_apart
 from calib.solving.strain import Believed, Strain, strain, widening
-from calib.solving.survey_check import GAUGE, NetworkCheck, check_survey
 from edge.common.arrays import Array
 
 FIRST_SIGMA_RAY: Final = 0.005  # what a first estimate is good for, in ray units
@@ -224,18 +222,3 @@ def _outcast(adjusted: Adjusted, problem: Problem) -> tuple[str, str] | None:
                 "check what it detects"
             )
     return None
-
-
-def survey_check(adjusted: Adjusted, problem: Problem) -> NetworkCheck | None:
-    """The positions in use against the shape the cameras see; None if fewer than three are in use."""
-    used = [index for index, prior in enumerate(problem.priors) if prior.centre_information.any()]
-    if 3 * len(used) <= GAUGE:
-        return None
-    at = np.r_[tuple(centre_of(index) for index in used)]
-    return check_survey(
-        [adjusted.estimate.cameras[index].id for index in used],
-        np.array([problem.priors[index].mean.centre_enu for index in used]),
-        block_diag(*(np.linalg.inv(problem.priors[index].centre_information) for index in used)),
-        np.array([adjusted.estimate.cameras[index].centre_enu for index in used]),
-        adjusted.factor.camera_covariance[np.ix_(at, at)],
-    )

@@ -30,6 +30,7 @@ from calib.network import POSE_SIZE, Network
 from calib.solving.evidence import Evidence
 from calib.solving.found import Found
 from calib.solving.series import gap_to_nearest_s
+from calib.solving.strain import Strain
 from edge.common.arrays import Array
 from edge.lens import LensModel
 
@@ -84,6 +85,7 @@ class CameraReport:
 class SolutionReport:
     """How good a calibration is. findings: what was found wrong first. left_out: camera and why.
 
+    strain: the test of what survey, lens files and clocks claim; None in a local frame.
     weakest_sigma_m: the least certain direction of any camera's centre, and weakest_direction_enu (3,) which.
     evidence: residuals by place, held-out residuals, shared rows, the survey's test.
     """
@@ -91,6 +93,7 @@ class SolutionReport:
     cameras: tuple[CameraReport, ...]
     left_out: tuple[tuple[str, str], ...]
     findings: tuple[Found, ...]
+    strain: Strain | None
     rms_px: float
     survey_rms_m: float | None
     rounds: int

@@ -15,10 +15,12 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from calib.adjustment.bundle import Adjusted, Problem
 from calib.adjustment.joint_prior import JointPrior
+from calib.adjustment.projection import centre_of
 from calib.adjustment.uncertainty import camera_covariance
 from calib.solving.doubts import Doubt, all_doubts, directions
 from calib.solving.survey_check import TESTABLE
@@ -29,6 +31,7 @@ UNLIKELY: Final = 0.02  # probability of a doubt, below which it is not allowed 
 CERTAIN: Final = 0.95  # probability from which on a doubt stands alone
 LARGEST_SIZE: Final = 0.01  # of a doubt's probability: the largest size that has as much is allowed for
 BEYOND_DOUBT: Final = 1e-6  # chance of priors being so strained, when nothing that people get wrong explains it
+FEWEST_SURVEYED: Final = 3  # positions: fewer have no shape that cameras could contradict
 AT_ONCE: Final = 3  # things that are wrong at once, each hidden by the other
 
 
@@ -52,6 +55,17 @@ class Strain:
     p_value: float
     doubts: tuple[Believed, ...]
     p_value_allowed: float
+
+    @property
+    def certain(self) -> tuple[Doubt, ...]:
+        """What is wrong beyond doubt."""
+        return tuple(one.doubt for one in self.doubts if one.probability >= CERTAIN)
+
+    @property
+    def rivals(self) -> tuple[Doubt, ...]:
+        """Of which one is wrong that cannot be told; none if beside something certain next to nothing is left."""
+        left = [one for one in self.doubts if one.probability < CERTAIN]
+        return tuple(one.doubt for one in left) if sum(one.probability for one in left) > 1 - CERTAIN else ()
 
     @property
     def figures(self) -> str:
@@ -82,6 +96,15 @@ class PixelInformation:
         by_prior = np.linalg.inv(prior.covariance / np.outer(scale, scale))
         return cls(scale, both - by_prior, both @ away)
 
+    def about(self, chosen: NDArray[np.bool_], claimed: Array) -> "PixelInformation":
+        """What they say of some unknowns (K',), where the others are as claimed (K', K') and independent of these."""
+        rest = ~chosen
+        others = self.information[np.ix_(rest, rest)]
+        others = others + np.linalg.inv(claimed[np.ix_(rest, rest)] / np.outer(self.scale[rest], self.scale[rest]))
+        carried = np.linalg.solve(others, self.information[np.ix_(rest, chosen)]).T
+        information = self.information[np.ix_(chosen, chosen)] - carried @ self.information[np.ix_(rest, chosen)]
+        return PixelInformation(self.scale[chosen], information, self.pull[chosen] - carried @ self.pull[rest])
+
     def against(self, covariance: Array) -> "PriorTest":
         """How far priors of this covariance (K', K') are off, in the directions that the pixels know.
 
@@ -108,6 +131,11 @@ class PriorTest:
     frame: Array
 
     @property
+    def freedom(self) -> int:
+        """k: 0 if the pixels know too little to test anything."""
+        return len(self.off)
+
+    @property
     def statistic(self) -> float:
         """Chi-square with k degrees of freedom, if the priors are as good as they say."""
         return float((self.off**2 / self.variance).sum())
@@ -115,7 +143,7 @@ class PriorTest:
     @property
     def p_value(self) -> float:
         """The chance of priors that are as good as they say looking so strained."""
-        return float(stats.chi2.sf(self.statistic, len(self.off))) if len(self.off) else 1.0
+        return float(stats.chi2.sf(self.statistic, self.freedom)) if self.freedom else 1.0
 
     def log_likelihood(self, parts: Array) -> float:
         """Of what was seen, if the priors' covariance is larger by parts @ parts.T; parts: (K', r)."""
@@ -132,6 +160,19 @@ def strain(adjusted: Adjusted, problem: Problem) -> Strain:
     if not problem.prior.known.any():
         return Strain(0.0, 0, 1.0, (), 1.0)
     return Weighing(problem.prior, PixelInformation.of(adjusted, problem)).strain()
+
+
+def survey_test(adjusted: Adjusted, problem: Problem) -> PriorTest | None:
+    """The surveyed positions as claimed against all the rest as claimed; None if fewer than three are in use."""
+    prior = problem.prior
+    surveyed = np.zeros(len(prior.known), bool)
+    for index in range(len(prior.cameras)):
+        surveyed[centre_of(index)] = True
+    chosen = surveyed[prior.known]
+    if chosen.sum() < 3 * FEWEST_SURVEYED:
+        return None
+    seen = PixelInformation.of(adjusted, problem).about(chosen, prior.claimed)
+    return seen.against(prior.claimed[np.ix_(chosen, chosen)])
 
 
 def widening(doubts: tuple[Believed, ...], prior: JointPrior) -> Array:
@@ -165,7 +206,7 @@ class Weighing:
             doubts = (*doubts, *more)
             known = np.ix_(self.prior.known, self.prior.known)
             allowed = self.seen.against(self.prior.claimed + widening(doubts, self.prior)[known])
-        return Strain(claimed.statistic, len(claimed.off), claimed.p_value, doubts, allowed.p_value)
+        return Strain(claimed.statistic, claimed.freedom, claimed.p_value, doubts, allowed.p_value)
 
     def posterior(self, tested: PriorTest) -> tuple[float, dict[Doubt, float]]:
         """How probable it is that all is as claimed, and how probable each doubt, given what was seen: 1 together."""

@@ -12,7 +12,8 @@ from calib.observations import Scene
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
 from calib.station.core.jobs import Solved
-from calib.station.report import write_report
+from calib.station.report import essential_marks, write_report
+from calib.station.report.grade import worst
 
 log = logging.getLogger(__name__)
 
@@ -48,12 +49,16 @@ def _solve(scene: Scene, start: Network | None) -> Solution:
 
 
 def _told(solution: Solution) -> Solved:
+    decisive = worst(list(essential_marks(solution)))
     spread = np.linalg.eigvalsh(solution.trajectory.covariance_enu)[:, -1]
     return Solved(
         solution.network,
         float(np.sqrt(np.median(spread))),
         solution.report.left_out,
         tuple(map(str, solution.report.findings)),
+        decisive.grade,
+        decisive.reason,
+        decisive.action,
     )
 
 

@@ -18,7 +18,7 @@ from calib.station.commands.arguments import add_config, folder_of
 from calib.station.config import load
 from calib.station.core.playback import Played
 from calib.station.core.surveyed_site import SurveyedSite
-from calib.station.report import write_report
+from calib.station.report import Summary, write_report
 from calib.station.survey.in_force import with_survey
 from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
@@ -48,8 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     say_what_is_not_used(played, source)
     scene = restricted(played.scene, arguments.cameras, arguments.from_s, arguments.to_s)
     solution = solve(scene, SolveOptions(local=arguments.local, evidence=True))
-    write(solution, source.name, arguments.output)
-    print(summary(solution, arguments.output))
+    report = write(solution, source.name, arguments.output)
+    print(summary(solution, report, arguments.output))
     return 0
 
 
@@ -100,21 +100,23 @@ def _rows(seen: Observations, keep: NDArray[np.bool_]) -> Observations:
     return Observations(seen.t_unix_ns[keep], seen.pixels[keep], seen.track[keep], sigma)
 
 
-def write(solution: Solution, source: str, folder: Path) -> None:
+def write(solution: Solution, source: str, folder: Path) -> Summary:
     """network.toml, trajectory.csv, report.html and report.json, each whole or not at all. source: solved from what."""
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "network.toml", network.to_toml(solution.network).encode())
     write_trajectory(solution.trajectory, solution.network.origin, source, folder / "trajectory.csv")
-    write_report(solution, folder)
+    return write_report(solution, folder)
 
 
-def summary(solution: Solution, folder: Path) -> str:
+def summary(solution: Solution, report: Summary, folder: Path) -> str:
     """What a person at the terminal wants to know first."""
     found = solution.report
     lines = [
         f"{len(found.cameras)} cameras calibrated over {found.flight_s:.0f} s of flight, "
         f"residual {found.rms_px:.2f} px"
         + ("" if found.survey_rms_m is None else f", survey missed by {found.survey_rms_m:.3f} m"),
+        f"grade {report.grade}: {report.verdict}",
+        f"what would improve it most: {report.improvement}",
         *(f"left out: {name}: {why}" for name, why in found.left_out),
         *(f"found: {finding}" for finding in found.findings),
         f"weakest: {found.weakest_camera}, {found.weakest_sigma_m:.3f} m",

@@ -24,6 +24,7 @@ from calib.station.core.window import Window
 RETRY_GROWTH: Final = 1.25  # of the shared seconds, before an attempt that failed is made again
 RETRY_SHARED_S: Final = 5  # shared seconds more, at least
 SOONEST_S: Final = 10.0  # s between refinements while the flight is short and each tells much
+NOT_TAKEN: Final = "D"  # grade, from which on no network is taken: what is claimed contradicts itself, or nothing holds
 SOLVER_REST: Final = 5.0  # times as long as it worked the solver rests: a sixth of one core at most
 
 
@@ -143,16 +144,9 @@ class Calibration:
             assert done.error is not None
             self._failure, self._failure_action = done.error.what, done.error.action
             return None
-        rms_px, sigma_m = done.solved.network.rms_px, done.solved.sigma_m
-        if rms_px > self.options.max_rms_px:
-            self._failure = f"the best solution misses by {rms_px:.1f} px, {self.options.max_rms_px:g} are allowed"
-            self._failure_action = "check lens files and clocks; a camera that moved must be left alone for a flight"
+        self._failure, self._failure_action = self._not_good_enough(done.solved)
+        if self._failure:
             return None
-        if sigma_m > self.options.max_sigma_m:
-            self._failure = f"positions would be uncertain by {sigma_m:.1f} m, {self.options.max_sigma_m:g} are allowed"
-            self._failure_action = "fly wider and higher, where all cameras see it"
-            return None
-        self._failure = self._failure_action = ""
         network, before = done.solved.network, self.network or self._before
         if before is not None and not self._clocks_known:
             network = in_time_of(network, before, self._tried_unix_ns)
@@ -161,6 +155,23 @@ class Calibration:
         self.suspects = {camera: why for camera, why in self.suspects.items() if camera not in solved}
         self.contradiction = ""
         return self.network
+
+    def _not_good_enough(self, solved: Solved) -> tuple[str, str]:
+        """Why a solution is not taken and what to do; empty if it is."""
+        rms_px, sigma_m = solved.network.rms_px, solved.sigma_m
+        if solved.grade >= NOT_TAKEN:
+            return f"the best solution would be graded {solved.grade}: {solved.verdict}", solved.improvement
+        if rms_px > self.options.max_rms_px:
+            return (
+                f"the best solution misses by {rms_px:.1f} px, {self.options.max_rms_px:g} are allowed",
+                "check lens files and clocks; a camera that moved must be left alone for a flight",
+            )
+        if sigma_m > self.options.max_sigma_m:
+            return (
+                f"positions would be uncertain by {sigma_m:.1f} m, {self.options.max_sigma_m:g} are allowed",
+                "fly wider and higher, where all cameras see it",
+            )
+        return "", ""
 
     def suspect(self, camera: str, why: str) -> None:
         """Leave a camera out until it has been calibrated again."""

@@ -15,8 +15,10 @@ from calib.station.report.summary import (
     DISTANCES_M,
     MIDDLE_DISTANCE_M,
     REPORT_FORMAT,
+    Mark,
     Summary,
     camera_summaries,
+    claims_summary,
     flight_summary,
     pair_summaries,
     predicted,
@@ -24,7 +26,7 @@ from calib.station.report.summary import (
 )
 from edge.common.atomic import write_atomically
 
-__all__ = ["HTML", "JSON", "Summary", "summarise", "to_html", "to_json", "write_report"]
+__all__ = ["HTML", "JSON", "Summary", "essential_marks", "summarise", "to_html", "to_json", "write_report"]
 
 HTML: Final = "report.html"
 JSON: Final = "report.json"
@@ -36,8 +38,8 @@ def summarise(solution: Solution) -> Summary:
     cameras, pairs, flight = camera_summaries(solution), pair_summaries(solution), flight_summary(solution)
     survey = survey_summary(solution)
     left_out = dict(report.left_out)
-    weakest = (report.weakest_camera, report.weakest_sigma_m, figures.direction_words(solution))
-    marks = grade.marks(cameras, left_out, pairs, flight, survey=survey, weakest=weakest)
+    claims, weakest = essential_marks(solution)
+    marks = grade.marks(cameras, left_out, pairs, flight, survey=survey, claims=claims, weakest=weakest)
     distances = [predicted(solution, distance_m) for distance_m in DISTANCES_M]
     return Summary(
         format=REPORT_FORMAT,
@@ -53,6 +55,7 @@ def summarise(solution: Solution) -> Summary:
         rms_px=report.rms_px,
         survey_rms_m=report.survey_rms_m,
         survey=survey,
+        claims=claims_summary(report.strain),
         flight=flight,
         weakest_camera=report.weakest_camera,
         weakest_sigma_m=report.weakest_sigma_m,
@@ -61,6 +64,14 @@ def summarise(solution: Solution) -> Summary:
         cameras=cameras,
         pairs=pairs,
     )
+
+
+def essential_marks(solution: Solution) -> tuple[Mark, Mark]:
+    """The two that need no evidence and that a network must not fail by: what is claimed, and its weakest direction."""
+    report = solution.report
+    direction = figures.direction_words(solution)
+    weakest = grade.weakest(report.weakest_camera, report.weakest_sigma_m, direction)
+    return grade.claims(report.strain, report.findings), weakest
 
 
 def to_json(summary: Summary) -> bytes:

@@ -7,6 +7,8 @@ advice is that mark's; only when none is left does the advice come from where th
 
 from typing import Final
 
+from calib.solving.found import Found
+from calib.solving.strain import Strain
 from calib.station.report.summary import CameraSummary, FlightSummary, Mark, PairSummary, Predicted, SurveySummary
 
 GRADES: Final = "ABCDE"
@@ -19,6 +21,7 @@ UNCROSSED_SHARE: Final = (0.8, 0.9, 0.95, 0.98)  # of the image: outside what wa
 CENTRE_SIGMA_M: Final = (0.1, 0.25, 0.5, 1.0)  # RTK and a short walk give 0.03; half a metre moves a target as much
 CLOCK_OFF_S: Final = (0.02, 0.2, 2.0, 20.0)  # chrony over Wi-Fi keeps 2 ms; half a frame is 17 ms
 CLOCK_RATE: Final = (2e-4, 2e-3, 1e-2, 1e-1)  # a crystal keeps 1e-4; more is a wrong frame rate
+FLY_WIDER: Final = "survey every camera, and fly wider and higher where all cameras see it"
 SHARED_ROWS: Final = 100  # of a pair: a few seconds, below which it holds nothing together
 
 
@@ -34,11 +37,13 @@ def marks(
     flight: FlightSummary,
     *,
     survey: SurveySummary | None,
-    weakest: tuple[str, float, str],
+    claims: Mark,
+    weakest: Mark,
 ) -> list[Mark]:
-    """All marks, in the order in which one would mend things. weakest: camera, sigma (m), direction in words."""
+    """All marks, in the order in which one would mend things. claims, weakest: those of `claims` and `weakest`."""
     return [
         _present(cameras, left_out),
+        claims,
         _surveyed(survey),
         _clocks(cameras),
         _outliers(cameras),
@@ -46,7 +51,7 @@ def marks(
         _lenses(cameras),
         _coverage(cameras),
         _connected(cameras, pairs),
-        _weakest(*weakest),
+        weakest,
         _precision(flight),
     ]
 
@@ -99,15 +104,33 @@ def _surveyed(survey: SurveySummary | None) -> Mark:
             reason="fewer than three surveyed positions took part, so nothing tests them",
             action="survey every camera's position with RTK",
         )
-    if survey.passed:
-        return Mark(name="survey", grade="A", reason=survey.words, action="")
-    named = survey.suspect or "every tripod"
+    # Whose position is wrong, and whether any is, the claims say: one good survey in a hundred looks so by chance.
     return Mark(
         name="survey",
-        grade="C",
+        grade="A" if survey.passed else "B",
         reason=survey.words,
-        action=f"measure {named} again, and check its antenna's height and offset to the lens",
+        action=""
+        if survey.passed
+        else "fly wider, or add a camera: then the cameras' own shape tests the survey"
+        if survey.passed is None
+        else "measure the tripod with the largest misfit again, and check its antenna's height and offset to the lens",
     )
+
+
+def claims(strain: Strain | None, findings: tuple[Found, ...]) -> Mark:
+    """Whether what is claimed of the site (survey, lens files, clocks) can be; findings: the most serious first."""
+    undecided = next((one for one in findings if one.undecided), None)
+    if undecided is not None:
+        return _claims("D", undecided.sentence, undecided.cure)
+    if strain is None or strain.freedom == 0:
+        return _claims("B", "not tested: nothing that is claimed can be held against what the cameras saw", FLY_WIDER)
+    if strain.doubts:
+        return _claims("C", findings[0].sentence, findings[0].cure)
+    return _claims("A", f"survey, lens files and clocks agree with what the cameras saw {strain.figures}", "")
+
+
+def _claims(grade: str, reason: str, action: str) -> Mark:
+    return Mark(name="claims", grade=grade, reason=reason, action=action)
 
 
 def _clocks(cameras: list[CameraSummary]) -> Mark:
@@ -197,7 +220,8 @@ def _connected(cameras: list[CameraSummary], pairs: list[PairSummary]) -> Mark:
     )
 
 
-def _weakest(camera: str, sigma_m: float, direction: str) -> Mark:
+def weakest(camera: str, sigma_m: float, direction: str) -> Mark:
+    """The least certain camera's, in its least certain direction, in words."""
     return Mark(
         name="weakest direction",
         grade=grade_of(sigma_m, CENTRE_SIGMA_M),

@@ -11,13 +11,21 @@ import numpy as np
 
 from calib.errors import CalibrationError
 from calib.solving.evidence import Evidence, HeldOut
+from calib.solving.found import Cause
 from calib.solving.prediction import PredictedAccuracy, directions, middle, predict
 from calib.solving.solution import CameraReport, Solution
+from calib.solving.strain import Strain
+from calib.solving.survey_check import FALSE_ALARM
 from edge.common.arrays import Array
 
 REPORT_FORMAT: Final = 1  # of report.json; raised when a field changes its meaning
 DISTANCES_M: Final = (100.0, 300.0, 1000.0)
 MIDDLE_DISTANCE_M: Final = 300.0
+SURVEY_WORDS: Final = {
+    True: "survey and cameras agree",
+    False: "the surveyed positions lie farther from the shape that the cameras see than they should",
+    None: "not tested: the cameras know the shape of the site no better than nothing",
+}
 OFTEN: Final = 90.0  # percentile: nine directions of ten are better
 
 
@@ -95,15 +103,31 @@ class FlightSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SurveySummary(msgspec.Struct, frozen=True, kw_only=True):
-    """The surveyed positions against the cameras: chi-square, its degrees of freedom, and the camera named, if any."""
+    """The surveyed positions against the cameras: chi-square and its degrees of freedom.
+
+    passed: null where nothing could be tested. suspect: the camera whose position alone is found wrong, if there is
+    one; wrong_by_m: east, north, up.
+    """
 
     statistic: float
     freedom: int
     p_value: float
-    passed: bool
+    passed: bool | None
     suspect: str | None
     wrong_by_m: tuple[float, float, float] | None
     words: str
+
+
+class ClaimsSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """All that is claimed of the site (survey, lens files, clocks) against what the cameras saw.
+
+    p_value: chance of such a chi-square if all is as claimed; p_value_allowed: with what was doubted allowed for.
+    """
+
+    statistic: float
+    freedom: int
+    p_value: float
+    p_value_allowed: float
 
 
 class Mark(msgspec.Struct, frozen=True, kw_only=True):
@@ -131,6 +155,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     rms_px: float
     survey_rms_m: float | None
     survey: SurveySummary | None
+    claims: ClaimsSummary | None
     flight: FlightSummary
     weakest_camera: str
     weakest_sigma_m: float
@@ -261,16 +286,38 @@ def predicted(solution: Solution, distance_m: float) -> Predicted:
 
 
 def survey_summary(solution: Solution) -> SurveySummary | None:
-    """The test of the survey, in JSON's terms."""
-    check = evidence_of(solution).survey
-    if check is None:
+    """The test of the survey; None if fewer than three positions took part. Whom it accuses, the findings say."""
+    tested = evidence_of(solution).survey
+    if tested is None:
         return None
+    passed = tested.p_value > FALSE_ALARM if tested.freedom else None
+    suspect = _alone_off(solution)
+    misfit = suspect.survey_misfit_m if suspect else None
     return SurveySummary(
-        statistic=check.statistic,
-        freedom=check.freedom,
-        p_value=check.p_value,
-        passed=check.passed,
-        suspect=check.suspect,
-        wrong_by_m=check.wrong_by_m,
-        words=str(check),
+        statistic=tested.statistic,
+        freedom=tested.freedom,
+        p_value=tested.p_value,
+        passed=passed,
+        suspect=suspect.id if suspect else None,
+        wrong_by_m=(-misfit[0], -misfit[1], -misfit[2]) if misfit else None,
+        words=f"{SURVEY_WORDS[passed]} (chi-square {tested.statistic:.1f} of {tested.freedom})",
+    )
+
+
+def _alone_off(solution: Solution) -> CameraReport | None:
+    """The one camera whose surveyed position is found wrong."""
+    found = [one for one in solution.report.findings if one.cause is Cause.POSITION and not one.undecided]
+    names = {name for one in found for name in one.cameras}
+    return next((c for c in solution.report.cameras if names == {c.id}), None)
+
+
+def claims_summary(strain: Strain | None) -> ClaimsSummary | None:
+    """The test of what is claimed, in JSON's terms; None in a local frame."""
+    if strain is None:
+        return None
+    return ClaimsSummary(
+        statistic=strain.statistic,
+        freedom=strain.freedom,
+        p_value=strain.p_value,
+        p_value_allowed=strain.p_value_allowed,
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from calib.network import Network
 from calib.station.config import BaseConfig, CalibrationSection, CameraSection, SiteSection
 from calib.station.core.calibration import reduced
 from calib.station.core.jobs import Solved, SolveResult
@@ -15,7 +16,12 @@ from calib.station.core.stored_state import StoredState
 from tools.doubles.box_messages import SITE, Sent, messages
 from tools.doubles.flight import ORIGIN, T0_UNIX_NS, Scene, Spec, make
 
+Answer = Callable[[Network], Solved]
 Change = Callable[[Sent], Iterator[Sent]]
+
+
+def _good(network: Network) -> Solved:
+    return Solved(network, 0.1)
 
 
 @dataclass
@@ -28,6 +34,7 @@ class Fed:
     said: list[tuple[float, str]] = field(default_factory=list)
     phases: list[tuple[float, str]] = field(default_factory=list)
     solves: bool = True
+    answer: Answer = _good
 
     def take(self, message: Sent) -> None:
         """One message, and what is due at its arrival."""
@@ -46,7 +53,7 @@ class Fed:
         if tick.job is not None and self.solves:
             known = {camera.id for camera in tick.job.scene.cameras}
             network = reduced(self.scene.network, known)
-            self.station.solved(SolveResult(tick.job.number, Solved(network, 0.1), None, 1.0))
+            self.station.solved(SolveResult(tick.job.number, self.answer(network), None, 1.0))
         phase = self.station.standing.phase.value
         if not self.phases or self.phases[-1][1] != phase:
             self.phases.append((at_s, phase))
@@ -74,9 +81,16 @@ def station_for(scene: Scene, memory: StoredState | None = None) -> Station:
 def feed() -> Callable[..., Fed]:
     """Feed a station with a scene, each message changed on its way: `feed(Spec(...), change)`."""
 
-    def run(spec: Spec, change: Change | None = None, memory: StoredState | None = None, *, solves: bool = True) -> Fed:
+    def run(
+        spec: Spec,
+        change: Change | None = None,
+        memory: StoredState | None = None,
+        *,
+        solves: bool = True,
+        answer: Answer = _good,
+    ) -> Fed:
         scene = make(spec)
-        fed = Fed(station_for(scene, memory), scene, solves=solves)
+        fed = Fed(station_for(scene, memory), scene, solves=solves, answer=answer)
         for message in messages(scene):
             for changed in change(message) if change is not None else (message,):
                 fed.take(changed)

@@ -1,4 +1,4 @@
-"""Which cameras an answer says something is wrong with: its findings, what it left out, whose survey it doubts.
+"""Which cameras an answer says something is wrong with: its findings, and what it left out.
 
 The hazard is a count that punishes honesty. A sentence that gives several cameras and says that they cannot be told
 apart accuses all of them together, and is right if the guilty one is among them; one that lists the cameras that are
@@ -37,13 +37,9 @@ class Accusation:
 
 
 def in_report(report: SolutionReport, cameras: tuple[str, ...]) -> list[Accusation]:
-    """What was left out, what was found, and whose survey is doubted."""
+    """What was left out, and what was found."""
     found = [Accusation(frozenset(each.cameras), each.undecided, each.sentence) for each in report.findings]
     found += [Accusation(frozenset([name]), undecided=False, sentence=why) for name, why in report.left_out]
-    check = report.evidence.survey if report.evidence else None
-    if check is not None and not check.passed and check.suspect is not None:
-        named = frozenset([check.suspect, *check.also])
-        found.append(Accusation(named, undecided=bool(check.also), sentence=str(check)))
     return [accusation for accusation in found if accusation.cameras]
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -92,6 +93,22 @@ def test_with_the_fixes_that_are_in_it(scene: Scene, tmp_path: Path) -> None:
     assert np.abs(error_m(tmp_path / "out", scene)).max() < RIGHT_M
     for name in ("network.toml", "report.html", "report.json"):
         assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def test_the_grade_and_why_are_printed_as_the_report_has_them(
+    scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, moved = record(scene, tmp_path), places(scene)
+    name = min(moved)
+    moved[name] = (moved[name][0], moved[name][1], moved[name][2] - 30.0)
+    config = configuration(tmp_path, moved)
+    assert main(["solve", str(path), "--config", str(config), "-o", str(tmp_path / "out")]) == 0
+    report = msgspec.json.decode((tmp_path / "out" / "report.json").read_bytes())
+    printed = capsys.readouterr().out.splitlines()
+    assert f"grade {report['grade']}: {report['verdict']}" in printed
+    assert f"what would improve it most: {report['improvement']}" in printed
+    assert report["grade"] >= "C"
+    assert any(line.startswith("found: ") and name in line for line in printed)
 
 
 def test_typed_positions_apply_to_a_recording_without_fixes(

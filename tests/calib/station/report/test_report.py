@@ -18,11 +18,13 @@ from calib.simulation.simulation import simulate
 from calib.solving.prediction import directions, predict
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
+from calib.solving.strain import PriorTest
 from calib.station.archive.scene_file import load, located
-from calib.station.report import HTML, JSON, Summary, summarise, write_report
+from calib.station.report import HTML, JSON, Summary, summarise, to_html, write_report
 from calib.station.report.grade import GRADES, SIGMA_M, grade_of
 from edge.common.arrays import Array
 from edge.lens import LensModel
+from tests.calib.flights import site
 from tests.places import ROOT
 from tools.doubles.browser import browser
 
@@ -109,6 +111,57 @@ def test_a_camera_left_out_is_named_and_decides_the_grade(solution: Solution) ->
     summary = summarise(left)
     assert summary.grade >= "C"
     assert any("cam9" in mark.reason for mark in summary.marks)
+
+
+def solved(**wrong_m: tuple[float, float, float]) -> Solution:
+    """A small site of five cameras, of which some are surveyed elsewhere."""
+    special = {name: {"survey_error_m": off} for name, off in wrong_m.items()}
+    described = site(offsets_s=(0.0,) * 5, duration_s=40.0, frame_rate_hz=10.0, special=special)
+    return solve(simulate(described).scene, SolveOptions(evidence=True))
+
+
+def test_one_voice_names_the_camera_that_is_surveyed_elsewhere() -> None:
+    """The mark, the findings and the survey's section: the same camera, and how far off it is."""
+    summary = summarise(solved(cam2=(4.0, 0.0, -3.0)))
+    decisive = next(mark for mark in summary.marks if mark.name == "claims")
+    assert (summary.grade, decisive.grade) == ("C", "C")
+    assert "cam2" in decisive.reason
+    assert "survey it again" in decisive.action
+    assert summary.survey is not None
+    assert (summary.survey.suspect, summary.survey.passed) == ("cam2", False)
+    assert summary.survey.wrong_by_m == pytest.approx((4.0, 0.0, -3.0), abs=1.3)  # four sigmas of where it is
+    others = {"cam1", "cam3", "cam4", "cam5"}
+    said = [
+        summary.survey.words,
+        *summary.findings,
+        *(m.reason for m in summary.marks if m.name in ("claims", "survey")),
+    ]
+    assert not any(name in words for name in others for words in said)
+    assert summary.claims is not None
+    assert summary.claims.p_value < 1e-6 < summary.claims.p_value_allowed
+
+
+def test_a_good_site_agrees_and_accuses_nobody() -> None:
+    summary = summarise(solved())
+    grades = {mark.name: mark.grade for mark in summary.marks}
+    assert grades["claims"] == "A"
+    assert summary.survey is not None
+    assert summary.survey.suspect is None
+    assert summary.survey.freedom > 0
+    assert summary.survey.passed
+
+
+def test_a_test_that_could_test_nothing_does_not_read_as_one_that_was_passed(solution: Solution) -> None:
+    """With three cameras the lenses may take what the survey is off by: chi-square 0.0 of 0 directions is no test."""
+    assert solution.report.evidence is not None
+    nothing = PriorTest(np.zeros(0), np.zeros(0), np.zeros((9, 0)))
+    blind = replace(solution.report, evidence=replace(solution.report.evidence, survey=nothing))
+    summary = summarise(replace(solution, report=blind))
+    assert summary.survey is not None
+    assert summary.survey.passed is None
+    mark = next(mark for mark in summary.marks if mark.name == "survey")
+    assert (mark.grade, "agree" in mark.reason, "not tested" in mark.reason) == ("B", False, True)
+    assert "not tested" in to_html(replace(solution, report=blind), summary)
 
 
 def test_names_from_outside_are_escaped(solution: Solution, tmp_path: Path) -> None:
