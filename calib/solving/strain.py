@@ -65,7 +65,8 @@ class Strain:
     def rivals(self) -> tuple[Doubt, ...]:
         """Of which one is wrong that cannot be told; none if beside something certain next to nothing is left."""
         left = [one for one in self.doubts if one.probability < CERTAIN]
-        return tuple(one.doubt for one in left) if sum(one.probability for one in left) > 1 - CERTAIN else ()
+        some = not self.certain or sum(one.probability for one in left) > 1 - CERTAIN
+        return tuple(one.doubt for one in left) if some else ()
 
     @property
     def figures(self) -> str:
@@ -218,11 +219,15 @@ class Weighing:
         return nothing, dict(zip(self._parts, each, strict=True))
 
     def _likely(self, tested: PriorTest) -> tuple[Believed, ...]:
-        """What is not unlikely, if it is likely that something is wrong; nothing otherwise."""
+        """What is not unlikely, if it is likely that something is wrong; nothing otherwise.
+
+        Everything, where each is as unlikely as all the others.
+        """
         as_claimed, probability = self.posterior(tested)
         if as_claimed > UNSURE:
             return ()
-        return most_probable_first(one for one in _of_any_size(probability) if one.probability > UNLIKELY)
+        every = list(_of_any_size(probability))
+        return most_probable_first([one for one in every if one.probability > UNLIKELY] or every)
 
 
 def _of_any_size(probability: dict[Doubt, float]) -> Iterator[Believed]:

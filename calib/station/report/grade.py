@@ -7,6 +7,7 @@ advice is that mark's; only when none is left does the advice come from where th
 
 from typing import Final
 
+from calib.solving.findings import CAUSES
 from calib.solving.found import Found
 from calib.solving.strain import Strain
 from calib.station.report.summary import CameraSummary, FlightSummary, Mark, PairSummary, Predicted, SurveySummary
@@ -118,14 +119,16 @@ def _surveyed(survey: SurveySummary | None) -> Mark:
 
 
 def claims(strain: Strain | None, findings: tuple[Found, ...]) -> Mark:
-    """Whether what is claimed of the site (survey, lens files, clocks) can be; findings: the most serious first."""
+    """Whether what is claimed of the site (survey, lens files, clocks) can be; findings: of the calibration."""
     undecided = next((one for one in findings if one.undecided), None)
     if undecided is not None:
         return _claims("D", undecided.sentence, undecided.cure)
     if strain is None or strain.freedom == 0:
         return _claims("B", "not tested: nothing that is claimed can be held against what the cameras saw", FLY_WIDER)
-    if strain.doubts:
-        return _claims("C", findings[0].sentence, findings[0].cure)
+    if strain.certain:
+        cause, cameras = CAUSES[strain.certain[0].claim], strain.certain[0].cameras
+        named = next(one for one in findings if (one.cause, one.cameras) == (cause, cameras))
+        return _claims("C", named.sentence, named.cure)
     return _claims("A", f"survey, lens files and clocks agree with what the cameras saw {strain.figures}", "")
 
 

@@ -24,7 +24,7 @@ def strained(*probabilities: float) -> Strain:
     [
         (GOOD, (), "A", "agree with what the cameras saw (chi-square 21.0 of 20)", ""),
         (GOOD, (LATE,), "A", "agree", ""),  # that a clock is beyond its bound, the mark for clocks says
-        (strained(1.0), (NAMED, LATE), "C", "position of b is off by 2.00 m", "survey it"),
+        (strained(1.0), (LATE, NAMED), "C", "position of b is off by 2.00 m", "survey it"),
         (strained(0.6, 0.4), (RIVALS,), "D", "a is off, or b is off", "correct it"),
         (strained(1.0, 0.6), (NAMED, RIVALS), "D", "a is off, or b is off", "correct it"),
         (Strain(0.0, 0, 1.0, (), 1.0), (), "B", "not tested", "survey every camera"),
