@@ -22,7 +22,7 @@ UNCROSSED_SHARE: Final = (0.8, 0.9, 0.95, 0.98)  # of the image: outside what wa
 CENTRE_SIGMA_M: Final = (0.1, 0.25, 0.5, 1.0)  # RTK and a short walk give 0.03; half a metre moves a target as much
 CLOCK_OFF_S: Final = (0.02, 0.2, 2.0, 20.0)  # chrony over Wi-Fi keeps 2 ms; half a frame is 17 ms
 CLOCK_RATE: Final = (2e-4, 2e-3, 1e-2, 1e-1)  # a crystal keeps 1e-4; more is a wrong frame rate
-FLY_WIDER: Final = "survey every camera, and fly wider and higher where all cameras see it"
+TO_BE_TESTED: Final = "survey every camera, and fly wider and higher where all cameras see it"
 SHARED_ROWS: Final = 100  # of a pair: a few seconds, below which it holds nothing together
 
 
@@ -124,7 +124,9 @@ def claims(strain: Strain | None, findings: tuple[Found, ...]) -> Mark:
     if undecided is not None:
         return _claims("D", undecided.sentence, undecided.cure)
     if strain is None or strain.freedom == 0:
-        return _claims("B", "not tested: nothing that is claimed can be held against what the cameras saw", FLY_WIDER)
+        return _claims(
+            "B", "not tested: nothing that is claimed can be held against what the cameras saw", TO_BE_TESTED
+        )
     if strain.certain:
         cause, cameras = CAUSES[strain.certain[0].claim], strain.certain[0].cameras
         named = next(one for one in findings if (one.cause, one.cameras) == (cause, cameras))
