@@ -118,6 +118,11 @@ class Guard:
         """What a camera states of its own clock: by how much at most it is off UTC; None: nothing."""
         self._clock_bound_s[camera] = bound_s
 
+    @property
+    def doubting(self) -> bool:
+        """Whether rays contradict each other now, though nothing has been found yet."""
+        return bool(self._suspected)
+
     def observe(self, frame: Frame) -> None:
         """Take a frame of any camera."""
         self._tracks.add(frame)

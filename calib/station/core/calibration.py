@@ -173,6 +173,10 @@ class Calibration:
             )
         return "", ""
 
+    def pass_over(self, done: SolveResult) -> None:
+        """Do not judge a job that has come at a bad moment; the same flight is solved again."""
+        self._took_s, self._tried_shared_s = done.seconds, 0
+
     def suspect(self, camera: str, why: str) -> None:
         """Leave a camera out until it has been calibrated again."""
         self.suspects[camera] = why

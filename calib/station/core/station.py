@@ -167,6 +167,9 @@ class Station:
     def solved(self, done: SolveResult) -> Network | None:
         """Take a finished job; the network to be stored, if there is a new one."""
         self._busy = False
+        if self.guard.doubting and self.calibration.network is not None:
+            self.calibration.pass_over(done)  # it may have been solved from the very rows that are in doubt
+            return None
         network = self.calibration.take(done)
         if network is not None:
             self.adopt(network)

@@ -142,6 +142,24 @@ def test_three_cameras_that_disagree_send_nothing_until_they_are_calibrated_agai
     assert station.calibration.trusted == fed.scene.network.ids
 
 
+def test_a_calibration_that_comes_while_rays_contradict_each_other_is_not_put_in_force() -> None:
+    """It would be bent towards the fault, and the guard would begin anew with it."""
+    fed = Fed(station_for(make(SPEC)), make(SPEC))
+    refused = None
+    for sent in Fault.KNOCKED.apply(fed.scene):
+        station = fed.station
+        if fed.solves and station.calibration.network is not None and len(station.calibration.network.cameras) == 4:
+            fed.solves = False
+        if station.guard.doubting and not station.calibration.suspects:
+            before = station.calibration.network
+            bent = replace(fed.scene.network, rms_px=0.9)
+            refused = station.solved(SolveResult(station.calibration._jobs, Solved(bent, 0.1), None, 1.0)) is None
+            assert station.calibration.network is before
+        fed.take(sent)
+    assert refused, "else nothing was on trial"
+    assert list(fed.station.calibration.suspects) == ["cam2"]
+
+
 @pytest.mark.parametrize("fault", [Fault.SILENT, Fault.FLOODED], ids=lambda f: f.name)
 def test_a_camera_that_does_not_help_does_not_harm(fault: Fault) -> None:
     fed = inject(fault)
