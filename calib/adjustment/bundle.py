@@ -212,7 +212,7 @@ def _descend(point: _Point) -> _Point:
 def _trial(point: _Point, normal: Normal, damping: float) -> _Point | None:
     """Where a damped step leads; None if the equations have no solution, or one that is no lens."""
     try:
-        return point.moved(factorise(normal, damping).solve(normal))
+        return point.moved(factorise(normal, damping, slack=False).solve(normal))
     except (np.linalg.LinAlgError, LensError):
         return None
 

@@ -123,11 +123,11 @@ class FlightFactor:
     inner: Array
 
     @classmethod
-    def of(cls, normal: Normal, damping: float) -> "FlightFactor":
+    def of(cls, normal: Normal, damping: float, *, slack: bool) -> "FlightFactor":
         """Factorise. Raises numpy.linalg.LinAlgError if the flight is not determined, cameras held fixed."""
         band = cholesky_banded(_banded(normal.block, damping))
-        freed = cho_solve_banded((band, False), normal.slack) if normal.slack.size else np.zeros_like(normal.slack)
-        rank = normal.slack.shape[1]
+        rank = normal.slack.shape[1] if slack else 0
+        freed = cho_solve_banded((band, False), normal.slack) if rank else np.zeros((len(normal.slack), 0))
         inner = cho_solve(cho_factor(np.eye(rank) - normal.slack.T @ freed), np.eye(rank)) if rank else np.eye(0)
         return cls(band, freed, inner)
 
@@ -137,13 +137,15 @@ class FlightFactor:
         return plain + self.freed @ (self.inner @ (self.freed.T @ right)) if self.freed.size else plain
 
 
-def factorise(normal: Normal, damping: float = 0.0) -> Factor:
+def factorise(normal: Normal, damping: float = 0.0, *, slack: bool = True) -> Factor:
     """Eliminate the band, invert the border. damping: Levenberg-Marquardt's, relative to the diagonal.
 
+    slack: whether it is taken out: what is known is stated without it, but a step along it is as good as any, and
+    would be taken too far.
     Raises numpy.linalg.LinAlgError if the system determines nothing in some direction.
     """
     K = len(normal.right_camera)
-    flight = FlightFactor.of(normal, damping)
+    flight = FlightFactor.of(normal, damping, slack=slack)
     B = normal.border.reshape(-1, K)
     carried = flight.solve(B)
     # The reduced camera system (Triggs et al. 2000, section 6): S = C - B' A^-1 B, A less its slack.

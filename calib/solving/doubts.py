@@ -18,11 +18,14 @@ from calib.adjustment.projection import CAMERA_SIZE, CENTRE, LENS, OFFSET, RATE,
 from edge.common.arrays import Array
 
 SLIPS_M: Final = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)  # of one position: from a false fix to a wrong tripod
-SURVEY_OFF_M: Final = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)  # of all positions: no RTK, or coordinates rounded
+# Of all positions: a survey that claims too much, no RTK, coordinates rounded. Finer than the slips of one, because
+# as many positions tell it well.
+SURVEY_OFF_M: Final = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 30.0)
 LENS_OFF: Final = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the focal length: another zoom, a guess, another camera's file
 BENT: Final = (0.03, 0.1, 0.3)  # of the refined coefficient: distortion left out, or taken out twice
 CLOCK_SLIPS_S: Final = (0.01, 0.03, 0.1, 0.3, 1.0)  # of a clock that claimed to be better
 MOST_PAIRED: Final = 12  # surveyed cameras, up to which every pair is a hypothesis: their number grows as the square
+TOO_TIGHT: Final = (0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # of everything, in claimed sigmas that come on top
 RATE_OF_CLOCK: Final = 3e-3  # of a clock that is off by a second, s/s: stamps counted at a wrong rate are off by both
 # How often, against a site where all is as claimed. What is rarer has to explain more.
 USUAL_ODDS: Final = 1e-2
@@ -36,11 +39,13 @@ class Claim(StrEnum):
     LENS = "lens"
     DISTORTION = "distortion"
     CLOCK = "clock"
+    EVERYTHING = "everything"
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """That `cause` is off in these cameras, by `size` (m, share of the focal length, coefficient, s), one sigma.
+    """That `cause` is off in these cameras, by `size` (m, share of the focal length, coefficient, s, claimed
+    sigmas), one sigma.
 
     odds: how often that happens, against a site where all is as claimed. together: they are all off by the same.
     """
@@ -70,6 +75,7 @@ def all_doubts(prior: JointPrior) -> Iterator[Doubt]:
     yield from _all(Claim.POSITION, surveyed, SURVEY_OFF_M, USUAL_ODDS)
     yield from _all(Claim.LENS, names, LENS_OFF, USUAL_ODDS)
     yield from _all(Claim.CLOCK, timed, CLOCK_SLIPS_S, RARE_ODDS)
+    yield from _all(Claim.EVERYTHING, names, TOO_TIGHT, USUAL_ODDS)
     for alike in _types(prior):
         yield from _all(Claim.LENS, alike, LENS_OFF, USUAL_ODDS, together=True)
         yield from _all(Claim.DISTORTION, alike, BENT, RARE_ODDS, together=True)
@@ -109,6 +115,10 @@ def _types(prior: JointPrior) -> list[tuple[str, ...]]:
 def directions(doubt: Doubt, prior: JointPrior) -> Array:
     """(14 C, r) what the doubt moves, for a size of one: its covariance is size^2 times this times its transpose."""
     size = CAMERA_SIZE * len(prior.cameras)
+    if doubt.claim is Claim.EVERYTHING:
+        everything = np.zeros((size, int(prior.known.sum())))
+        everything[prior.known] = np.linalg.cholesky(prior.claimed)
+        return everything
     columns = []
     for index, one in enumerate(prior.cameras):
         if one.mean.id in doubt.cameras:

@@ -21,18 +21,21 @@ CAUSES: Final = {
     Claim.LENS: Cause.LENS,
     Claim.DISTORTION: Cause.LENS,
     Claim.CLOCK: Cause.CLOCK,
+    Claim.EVERYTHING: Cause.POSITION,  # nobody's in particular: the sentence says so
 }
 SUBJECTS: Final = {
     Claim.POSITION: "surveyed position",
     Claim.LENS: "lens file",
     Claim.DISTORTION: "distortion",
     Claim.CLOCK: "clock",
+    Claim.EVERYTHING: "survey, lens files and clocks",
 }
 CURES: Final = {
     Claim.POSITION: "survey {it} again",
     Claim.LENS: "calibrate {it} (edge-node lens), at the resolution and zoom that is flown with",
     Claim.DISTORTION: "calibrate the lens (edge-node lens), and give raw pixels, not undistorted ones",
     Claim.CLOCK: "look at the time synchronisation of {whose}",
+    Claim.EVERYTHING: "state wider sigmas, or look at each of them",
 }
 CORRECT: Final = "correct what is wrong, and solve again"
 MOST_TOLD: Final = 5  # explanations that are given one by one
@@ -77,6 +80,8 @@ def contradiction(strained: Strain, cameras: int) -> str:
 def _is_off(doubt: Doubt, cameras: int) -> str:
     several = len(doubt.cameras) > 1
     subject = SUBJECTS[doubt.claim]
+    if doubt.claim is Claim.EVERYTHING:
+        return f"{subject} of {_whose(doubt, cameras)} are less certain than they claim"
     return f"the {subject}{'s' if several else ''} of {_whose(doubt, cameras)} {'are' if several else 'is'} off"
 
 
@@ -95,7 +100,8 @@ def _alone(doubt: Doubt, cameras: dict[str, CameraReport]) -> Found:
     it, was = ("it", "was") if len(doubt.cameras) == 1 else ("them", "were")
     sentence = f"{_is_off(doubt, len(cameras))}{_by_how_much(doubt, cameras)} and {was} not believed"
     cure = CURES[doubt.claim].format(it=it, whose=_whose(doubt, len(cameras)))
-    return Found(cause, doubt.cameras, sentence, cure=cure)
+    accused = () if doubt.claim is Claim.EVERYTHING else doubt.cameras
+    return Found(cause, accused, sentence, cure=cure)
 
 
 def _by_how_much(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:

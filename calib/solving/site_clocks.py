@@ -20,6 +20,7 @@ from calib.solving.series import TrackSeries
 CONFIRMED_BY: Final = 2  # cameras that tie another one firmly before the pairs left are spared
 LONG_ENOUGH_S: Final = 40.0  # an ordinary flight's clocks can be told from so much in common
 CONTRADICTED: Final = 20.0  # log likelihood by which tracks contradict a stated clock: beyond any doubt of its box
+MEETS_S: Final = 3.0  # in common as stamped: enough to adjust a clock that nobody has reason to doubt
 STATED_SCORE: Final = 1.0  # of stamps that are vouched for and that the tracks say nothing about
 
 
@@ -127,9 +128,18 @@ def _told(site: SiteCamera, tied: Tied | None, tracks: dict[str, list[TrackSerie
         contradicts = site.id in trusted_clocks({site.id: site})
         return CameraClock(tied.clock, Origin.FOUND, tied.agreeing, gain=tied.gain, contradicts=contradicts)
     own = [alignment for pair, alignment in pairs.items() if site.id in pair]
-    if own and all(_says_nothing(alignment) for alignment in own):
+    if own and (all(_says_nothing(alignment) for alignment in own) or _too_short(site.id, tracks, own)):
         return CameraClock(Clock(), Origin.ASSUMED)
     return CameraClock(Clock(), Origin.UNKNOWN, (), _tested(site.id, tracks, pairs))
+
+
+def _too_short(name: str, tracks: dict[str, list[TrackSeries]], own: list[Alignment]) -> bool:
+    """Whether the camera's tracks cannot tell its clock for want of time, and as stamped meet another camera's."""
+    if any(alignment.candidates or alignment.as_stamped is not None for alignment in own):
+        return False
+    others = [track for other, theirs in tracks.items() if other != name for track in theirs]
+    shared_s = (min(a.t_s[-1], b.t_s[-1]) - max(a.t_s[0], b.t_s[0]) for a in tracks[name] for b in others)
+    return max(shared_s, default=0.0) >= MEETS_S
 
 
 def _off(tied: Tied | None, site: SiteCamera, tracks: list[TrackSeries]) -> bool:

@@ -29,7 +29,7 @@ from edge.common.arrays import Array
 UNSURE: Final = 0.1  # probability that all is as claimed, below which it is not taken to be so
 UNLIKELY: Final = 0.02  # probability of a doubt, below which it is not allowed for
 CERTAIN: Final = 0.95  # probability from which on a doubt stands alone
-LARGEST_SIZE: Final = 0.01  # of a doubt's probability: the largest size that has as much is allowed for
+LARGEST_SIZE: Final = 0.05  # of a doubt's probability: the largest size that has as much is allowed for
 BEYOND_DOUBT: Final = 1e-6  # chance of priors being so strained, when nothing that people get wrong explains it
 FEWEST_SURVEYED: Final = 3  # positions: fewer have no shape that cameras could contradict
 AT_ONCE: Final = 3  # things that are wrong at once, each hidden by the other
