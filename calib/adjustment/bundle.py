@@ -39,11 +39,14 @@ class Problem:
     """What is given: one CameraData and one prior for each camera, in one order throughout.
 
     widened: (14 C, 14 C) covariance that is added to what the priors claim, where they were found to claim too much.
+    beyond: the same of what they are weighed by as claimed nevertheless: it counts in what is stated, not in the
+    weights.
     """
 
     data: tuple[CameraData, ...]
     priors: tuple[CameraPrior, ...]
     widened: Array | None = None
+    beyond: Array | None = None
 
     @cached_property
     def prior(self) -> JointPrior:

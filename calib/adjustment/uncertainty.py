@@ -20,7 +20,19 @@ WIDEST: Final = 20.0  # times the tangent's sigma: the distance is open, and ref
 
 
 def camera_covariance(adjusted: Adjusted, problem: Problem) -> Array:
-    """(14 C, 14 C) covariance of all cameras' unknowns; zero for those held fixed."""
+    """(14 C, 14 C) covariance of all cameras' unknowns; zero for those held fixed.
+
+    Where priors are off by more than they were weighed by (Q beyond P^-1), the estimate is off by C P Q P C more.
+    """
+    covariance = settled_covariance(adjusted, problem)
+    if problem.beyond is None:
+        return covariance
+    pull = covariance @ problem.prior.information
+    return covariance + pull @ problem.beyond @ pull.T
+
+
+def settled_covariance(adjusted: Adjusted, problem: Problem) -> Array:
+    """(14 C, 14 C) the same if the priors are as good as they were weighed."""
     free = np.concatenate([np.where(prior.fixed, 0.0, 1.0) for prior in problem.priors])
     covariance: Array = adjusted.factor.camera_covariance * free[:, None] * free
     return covariance

@@ -24,6 +24,7 @@ SURVEY_OFF_M: Final = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0,
 LENS_OFF: Final = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the focal length: another zoom, a guess, another camera's file
 BENT: Final = (0.03, 0.1, 0.3)  # of the refined coefficient: distortion left out, or taken out twice
 CLOCK_SLIPS_S: Final = (0.01, 0.03, 0.1, 0.3, 1.0)  # of a clock that claimed to be better
+SLIGHT_M: Final = 0.3  # of all positions: a float fix, or antennas not quite above their lenses
 MOST_PAIRED: Final = 12  # surveyed cameras, up to which every pair is a hypothesis: their number grows as the square
 TOO_TIGHT: Final = (0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # of everything, in claimed sigmas that come on top
 RATE_OF_CLOCK: Final = 3e-3  # of a clock that is off by a second, s/s: stamps counted at a wrong rate are off by both
@@ -110,6 +111,15 @@ def _types(prior: JointPrior) -> list[tuple[str, ...]]:
         for one in prior.cameras
     }
     return sorted(group for group in found if len(group) > 1)
+
+
+def slight_in_all(doubt: Doubt, prior: JointPrior) -> bool:
+    """Whether a doubt is of all surveyed positions, and no larger than RTK without a steady fix.
+
+    All of them are then weighed as claimed among themselves, and the estimate is no worse for it; only its sigma is.
+    """
+    surveyed = {one.mean.id for one in prior.cameras if one.centre_information.any()}
+    return doubt.claim is Claim.POSITION and set(doubt.cameras) == surveyed and doubt.size <= SLIGHT_M
 
 
 def directions(doubt: Doubt, prior: JointPrior) -> Array:

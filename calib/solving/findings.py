@@ -91,6 +91,11 @@ def _whose(doubt: Doubt, cameras: int) -> str:
     return "all cameras" if everybody else " and ".join(doubt.cameras)
 
 
+def accused(doubt: Doubt) -> tuple[str, ...]:
+    """Whom a doubt that stands alone is about: nobody, if it is about everything."""
+    return () if doubt.claim is Claim.EVERYTHING else doubt.cameras
+
+
 def _alone(doubt: Doubt, cameras: dict[str, CameraReport]) -> Found:
     """The finding about the one thing that is wrong."""
     cause = CAUSES[doubt.claim]
@@ -100,8 +105,7 @@ def _alone(doubt: Doubt, cameras: dict[str, CameraReport]) -> Found:
     it, was = ("it", "was") if len(doubt.cameras) == 1 else ("them", "were")
     sentence = f"{_is_off(doubt, len(cameras))}{_by_how_much(doubt, cameras)} and {was} not believed"
     cure = CURES[doubt.claim].format(it=it, whose=_whose(doubt, len(cameras)))
-    accused = () if doubt.claim is Claim.EVERYTHING else doubt.cameras
-    return Found(cause, accused, sentence, cure=cure)
+    return Found(cause, accused(doubt), sentence, cure=cure)
 
 
 def _by_how_much(doubt: Doubt, cameras: dict[str, CameraReport]) -> str:

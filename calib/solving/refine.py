@@ -20,6 +20,7 @@ from calib.adjustment.weights import Weights
 from calib.errors import CalibrationError
 from calib.network import Camera
 from calib.solving.bootstrap import first_estimate
+from calib.solving.doubts import slight_in_all
 from calib.solving.initial_estimate import InitialEstimate
 from calib.solving.inputs import FEWEST_CAMERA_ROWS, Inputs
 from calib.solving.rivals import told_apart
@@ -160,8 +161,12 @@ def problem_of(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> tupl
         t_mid=inputs.t_mid_unix_ns,
         spacing_s=knots_s,
     )
-    widened = widening(initial.doubts, JointPrior(priors)) if initial.doubts else None
-    return Problem(data, priors, widened), estimate
+    prior = JointPrior(priors)
+    weighed = tuple(one for one in initial.doubts if not slight_in_all(one.doubt, prior))
+    slight = tuple(one for one in initial.doubts if slight_in_all(one.doubt, prior))
+    widened = widening(weighed, prior) if weighed else None
+    beyond = widening(slight, prior) if slight else None
+    return Problem(data, priors, widened, beyond), estimate
 
 
 def _local_gauge(priors: tuple[CameraPrior, ...], gauge: tuple[str, str]) -> tuple[CameraPrior, ...]:

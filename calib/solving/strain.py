@@ -21,7 +21,7 @@ from scipy import stats
 from calib.adjustment.bundle import Adjusted, Problem
 from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.projection import centre_of
-from calib.adjustment.uncertainty import camera_covariance
+from calib.adjustment.uncertainty import settled_covariance
 from calib.solving.doubts import Doubt, all_doubts, directions
 from calib.solving.survey_check import TESTABLE
 from edge.common.arrays import Array
@@ -92,7 +92,7 @@ class PixelInformation:
         prior = problem.prior
         scale = np.sqrt(np.diag(prior.claimed))
         at = np.ix_(prior.known, prior.known)
-        both = np.linalg.inv(camera_covariance(adjusted, problem)[at] / np.outer(scale, scale))
+        both = np.linalg.inv(settled_covariance(adjusted, problem)[at] / np.outer(scale, scale))
         away = prior.deviation(adjusted.estimate.cameras)[prior.known] / scale
         by_prior = np.linalg.inv(prior.covariance / np.outer(scale, scale))
         return cls(scale, both - by_prior, both @ away)

@@ -170,8 +170,9 @@ def flight(life: Life) -> None:
     playing.terminate()
     playing.communicate()
     said = life.machine.journal("base-station", 400)
-    ill = [word for word in ("ermission", "not permitted", "Traceback", "Read-only") if word in said]
-    life.note("nothing that it asks is forbidden", not ill, said[-600:])
+    forbidden = ("ermission", "not permitted", "Traceback", "Read-only")
+    ill = [line for line in said.splitlines() if any(word in line for word in forbidden)]
+    life.note("nothing that it asks is forbidden", not ill, "\n".join(ill) or said[-600:])
 
 
 def page_and_certificates(life: Life) -> None:

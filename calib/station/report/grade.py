@@ -7,7 +7,7 @@ advice is that mark's; only when none is left does the advice come from where th
 
 from typing import Final
 
-from calib.solving.findings import CAUSES
+from calib.solving.findings import CAUSES, accused
 from calib.solving.found import Found
 from calib.solving.strain import Strain
 from calib.station.report.summary import CameraSummary, FlightSummary, Mark, PairSummary, Predicted, SurveySummary
@@ -128,7 +128,7 @@ def claims(strain: Strain | None, findings: tuple[Found, ...]) -> Mark:
             "B", "not tested: nothing that is claimed can be held against what the cameras saw", TO_BE_TESTED
         )
     if strain.certain:
-        cause, cameras = CAUSES[strain.certain[0].claim], strain.certain[0].cameras
+        cause, cameras = CAUSES[strain.certain[0].claim], accused(strain.certain[0])
         named = next(one for one in findings if (one.cause, one.cameras) == (cause, cameras))
         return _claims("C", named.sentence, named.cure)
     return _claims("A", f"survey, lens files and clocks agree with what the cameras saw {strain.figures}", "")
