@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # The mathematics, whose last bits depend on the order in which a processor's BLAS kernel adds. A result that hangs on
 # them is a fault. SkylakeX needs AVX-512; elsewhere Sandybridge, which lacks the fused multiply-add, is the other one.
 KERNELS := Haswell $(shell grep -qs avx512f /proc/cpuinfo && echo SkylakeX || echo Sandybridge)
-MATHEMATICS := $(addprefix tests/calib/, geometry adjustment solving tracking guarding) tests/synthetic
+MATHEMATICS := $(addprefix tests/calib/, geometry adjustment solving tracking)
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 
 .PHONY: setup demo test test-rooms test-whole test-field test-machine rehearse test-kernels fuzz check lock bundle clean
