@@ -6,11 +6,21 @@ import numpy as np
 import pytest
 
 from calib.station.archive import trackfolder
+from edge.common.errors import ConfigError
 from tools.doubles.hazards import folder
 from tools.doubles.hazards.brought import Brought
 from tools.doubles.hazards.kinds import HEALTHY_SHARE, KINDS, draw, planned
 
 ALL = pytest.mark.parametrize("kind", list(KINDS))
+
+
+# What the folder itself gives away, before anything is solved.
+REFUSED_AS_READ = {
+    "lat_lon_all": "exchanged",
+    "lat_lon_one_of_3": "km",
+    "lat_lon_one_of_4": "km",
+    "portrait_one": "a picture that is turned",
+}
 
 
 def rows(brought: Brought) -> list[np.ndarray]:
@@ -25,6 +35,10 @@ def test_a_scene_can_be_brought_and_says_whose_fault_it_is(kind: str, tmp_path: 
     assert brought.healthy == KINDS[kind].healthy
     assert not (brought.healthy and brought.faults)
     folder.write(brought, tmp_path)
+    if kind in REFUSED_AS_READ:
+        with pytest.raises(ConfigError, match=REFUSED_AS_READ[kind]):
+            trackfolder.read(tmp_path)
+        return
     read = trackfolder.read(tmp_path)
     assert set(read.rows) == set(brought.cameras)
     # A camera that never saw anything would be a kind of its own; blind in turns or in the end is enough.
