@@ -11,9 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from calib.guarding.meetings import LEAST_NOISE_PX
+from calib.guarding.meetings import LEAST_NOISE_PX, attitude_sigma
 from calib.guarding.raytracks import RayTrack
-from calib.network import Camera, Network, pose_of
+from calib.network import Camera, Network
 from calib.sighting import CameraView
 from edge.common.arrays import Array
 
@@ -69,11 +69,7 @@ class Expectations:
 
 def attitudes_rad(network: Network) -> dict[str, float]:
     """One sigma, rad, of the worst axis of each camera's attitude."""
-    variance = np.diag(network.covariance)
-    return {
-        camera.id: float(np.sqrt(np.max(variance[pose_of(k).start : pose_of(k).start + 3])))
-        for k, camera in enumerate(network.cameras)
-    }
+    return {camera.id: attitude_sigma(network, camera.id) for camera in network.cameras}
 
 
 def look(view: CameraView, tracks: list[RayTrack], t_s: Array, expected: Expectations) -> CameraLook:

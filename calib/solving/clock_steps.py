@@ -102,16 +102,12 @@ def _pieces(track: TrackSeries) -> list[TrackSeries]:
     count = int(np.clip(track.duration_s // PIECE_S, 1, MOST_PIECES))
     edges = np.linspace(track.t_s[0], track.t_s[-1], count + 1)
     cut = [(track.t_s >= start) & (track.t_s < end) for start, end in pairwise(edges)]
-    return [_rows(track, own) for own in cut if own.sum() >= SHORTEST_TRACK]
-
-
-def _rows(track: TrackSeries, which: NDArray[np.bool_]) -> TrackSeries:
-    return TrackSeries(track.number, track.t_s[which], track.rays[which], track.row[which])
+    return [track.rows(own) for own in cut if own.sum() >= SHORTEST_TRACK]
 
 
 def _placed(piece: TrackSeries, about: Clock, partners: dict[str, tuple[list[TrackSeries], Clock]]) -> _Piece | None:
     """Where a piece lies in time, if that is certain. Its stamps are taken to be near the site's first."""
-    moved = TrackSeries(piece.number, about.offset_s + piece.t_s * (1 + about.rate), piece.rays, piece.row)
+    moved = piece.stretched(about.rate).later(about.offset_s)
     said: dict[str, Alignment] = {}
     for name, (own, clock) in partners.items():
         there = _around(chain(own).stretched(clock.rate).later(clock.offset_s), moved)
@@ -128,7 +124,7 @@ def _placed(piece: TrackSeries, about: Clock, partners: dict[str, tuple[list[Tra
 def _around(track: TrackSeries, piece: TrackSeries) -> TrackSeries | None:
     """The part of a track that a piece may have seen, and as much beside it as tells what is typical."""
     near = (track.t_s >= piece.t_s[0] - PIECE_S) & (track.t_s <= piece.t_s[-1] + PIECE_S)
-    return _rows(track, near) if near.sum() >= SHORTEST_TRACK else None
+    return track.rows(near) if near.sum() >= SHORTEST_TRACK else None
 
 
 def _line(pieces: list[_Piece]) -> Clock | None:

@@ -147,7 +147,7 @@ def smooth(track: TrackSeries) -> TrackSeries:
         stray = (off > STRAY_RAY + STRAYS * typical) & (off >= around[:-2]) & (off >= around[2:])
         if not stray.any():
             break
-        track = TrackSeries(track.number, track.t_s[~stray], track.rays[~stray], track.row[~stray])
+        track = track.rows(~stray)
     return track
 
 

@@ -12,10 +12,9 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.solving.agreement import Gridded, TrackPair, contested
-from calib.solving.series import SHORTEST_TRACK, TrackSeries
+from calib.solving.series import SHORTEST_TRACK
 from edge.common.arrays import Array
 
 LASTING: Final = 8  # instants that two tracks agree, and differ, before anything is cut
@@ -97,9 +96,6 @@ def pieces(one: Gridded, at: list[int], grid_s: Array, offset_s: float, first_nu
         if len(rows) >= SHORTEST_TRACK:
             inside = (grid_s - offset_s >= begin) & (grid_s - offset_s < end)
             rays = np.where(inside[:, None], one.rays, np.nan)
-            made.append(replace(one, track=_part(one.track, rows, first_number + k), rays=rays))
+            part = replace(one.track.rows(rows), number=first_number + k)
+            made.append(replace(one, track=part, rays=rays))
     return made
-
-
-def _part(track: TrackSeries, rows: NDArray[np.int64], number: int) -> TrackSeries:
-    return TrackSeries(number, track.t_s[rows], track.rays[rows], track.row[rows])

@@ -14,9 +14,9 @@ from calib.errors import CalibrationError, ContradictionError
 from calib.solving.found import Cause
 from calib.solving.inputs import Inputs
 from calib.solving.readings import other_sizes
-from calib.solving.scaffold import GOOD_SHARE, Scaffold, build
+from calib.solving.scaffold import GOOD_SHARE, Known, Scaffold, build
 from calib.solving.series import TrackSeries
-from calib.solving.unposed import Known, Unposed, Why, explained_share, known_of, why_without_pose
+from calib.solving.unposed import Unposed, Why, explained_share, known_of, why_without_pose
 
 FRAME_NEEDS: Final = 3  # surveyed cameras that have a pose, where none says where up is
 FEWEST_CAMERAS: Final = 2  # of anything that is seen together
@@ -68,7 +68,7 @@ def too_few_poses(
     apart = _apart(tracks, offsets, scaffold)
     if apart is not None:
         return CalibrationError(apart.what, where="georeferencing", action=apart.cure)
-    known = Known(scaffold.t_s, scaffold.points)
+    known = scaffold.known
     whys = [_why(name, known, inputs, tracks, offsets) for name in unposed]
     return CalibrationError(
         f"{posed} of {len(surveyed)} surveyed cameras have a pose, three must: " + "; ".join(why.what for why in whys),
@@ -104,7 +104,7 @@ def _apart(tracks: Tracks, offsets: dict[str, float], scaffold: Scaffold) -> Why
 
     Two cameras nearly always fit somehow: so both parts must fit wholly, and the others explain nothing of the first.
     """
-    others, known = sorted(set(offsets) - set(scaffold.poses)), Known(scaffold.t_s, scaffold.points)
+    others, known = sorted(set(offsets) - set(scaffold.poses)), scaffold.known
     seen = [explained_share(known, tracks[name], offsets[name]) for name in others]
     if len(others) < FEWEST_CAMERAS or max(seen) > CHANCE_SHARE or not _whole(scaffold):
         return None

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import CalibrationError
-from calib.geometry.resection import Resection, resect
+from calib.geometry.resection import FEWEST_POINTS, Resection, resect
 from calib.geometry.twoview import relative_poses, triangulate
 from calib.solving.series import Common, TrackSeries, common, noise_ray
 from edge.common.arrays import Array
@@ -38,6 +38,14 @@ class Pose:
 
 
 @dataclass(frozen=True)
+class Known:
+    """Where objects were by the cameras that have a pose: site times (N,) in seconds from t_mid, points (N, 3)."""
+
+    t_s: Array
+    points: Array
+
+
+@dataclass(frozen=True)
 class Scaffold:
     """Poses by camera in a frame of its own (the first of `pair` at the origin, their baseline 1).
 
@@ -49,6 +57,11 @@ class Scaffold:
     t_s: Array
     points: Array
     tracks: NDArray[np.int64]
+
+    @property
+    def known(self) -> Known:
+        """The flight without the pair's tracks."""
+        return Known(self.t_s, self.points)
 
 
 def threshold_ray(tracks: list[list[TrackSeries]]) -> float:
@@ -133,26 +146,32 @@ def _angle(points: Array, centre: Array) -> Array:
 def _with_others(scaffold: Scaffold, tracks: dict[str, list[TrackSeries]], offsets: dict[str, float]) -> Scaffold:
     poses = dict(scaffold.poses)
     for name in sorted(set(offsets) - set(poses)):
-        pose = resect_camera(scaffold, tracks[name], offsets[name])
+        pose = resect_camera(scaffold.known, tracks[name], offsets[name])
         if pose and pose.share >= FAIR_SHARE:
             poses[name] = pose
     return Scaffold(scaffold.pair, poses, scaffold.t_s, scaffold.points, scaffold.tracks)
 
 
-def resect_camera(scaffold: Scaffold, tracks: list[TrackSeries], offset_s: float) -> Pose | None:
-    """Pose of one more camera against the scaffold's points, every track of it a candidate for every object."""
-    points, rays, instants = [], [], []
-    for track in tracks:
-        at = track.at(scaffold.t_s - offset_s)
-        good = np.isfinite(at[:, 0])
-        points.append(scaffold.points[good])
-        rays.append(at[good])
-        instants.append(scaffold.t_s[good])
-    if not points:
-        return None
-    found: Resection | None = resect(np.concatenate(points), np.concatenate(rays), threshold_ray([tracks]))
+def resect_camera(known: Known, tracks: list[TrackSeries], offset_s: float, fewest: int = FEWEST_POINTS) -> Pose | None:
+    """Pose of one more camera against known points, every track of it a candidate for every object.
+
+    fewest: points that its tracks must share with them.
+    """
+    points, rays, t_s = matched(known, tracks, offset_s)
+    found: Resection | None = resect(points, rays, threshold_ray([tracks])) if len(points) >= fewest else None
     if found is None:
         return None
     # With several objects most combinations are wrong by construction: an instant counts once.
-    t = np.concatenate(instants)
-    return Pose(found.R, found.centre, len(np.unique(t[found.inlier])) / len(np.unique(t)))
+    return Pose(found.R, found.centre, len(np.unique(t_s[found.inlier])) / len(np.unique(t_s)))
+
+
+def matched(known: Known, tracks: list[TrackSeries], offset_s: float) -> tuple[Array, Array, Array]:
+    """The known points (M, 3) at which a camera's tracks run, their rays (M, 2) and times (M,)."""
+    points, rays, instants = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros(0)]
+    for track in tracks:
+        at = track.at(known.t_s - offset_s)
+        good = np.isfinite(at[:, 0])
+        points.append(known.points[good])
+        rays.append(at[good])
+        instants.append(known.t_s[good])
+    return np.concatenate(points), np.concatenate(rays), np.concatenate(instants)

@@ -49,6 +49,10 @@ class TrackSeries:
         """The same with its stamps so much later."""
         return replace(self, t_s=self.t_s + by_s) if by_s else self
 
+    def rows(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> "TrackSeries":
+        """Only some of its rows: a mask (N,) or indices."""
+        return replace(self, t_s=self.t_s[which], rays=self.rays[which], row=self.row[which])
+
     def at(self, t_s: Array) -> Array:
         """Rays (M, 2) at stamped times (M,), interpolated; NaN where no two rows enclose the time closely."""
         after = np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1)

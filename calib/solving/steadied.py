@@ -57,11 +57,7 @@ class SteadiedClocks:
         if name not in self.rows:
             return tracks
         kept = [(track, np.isin(track.row, list(self.rows[name]))) for track in tracks]
-        return [
-            TrackSeries(track.number, track.t_s[which], track.rays[which], track.row[which])
-            for track, which in kept
-            if which.sum() >= SHORTEST_TRACK
-        ]
+        return [track.rows(which) for track, which in kept if which.sum() >= SHORTEST_TRACK]
 
 
 def steadied_clocks(inputs: Inputs, clocks: dict[str, CameraClock]) -> SteadiedClocks:

@@ -12,25 +12,15 @@ from typing import Final
 import numpy as np
 
 from calib.adjustment.flight import FlightEstimate
-from calib.geometry.resection import resect
 from calib.geometry.spline import evaluate
 from calib.observations import Observations, SiteCamera
 from calib.solving.found import Cause
 from calib.solving.readings import Reading, readings
-from calib.solving.scaffold import GOOD_SHARE, threshold_ray
+from calib.solving.scaffold import GOOD_SHARE, Known, matched, resect_camera
 from calib.solving.series import TrackSeries
-from edge.common.arrays import Array
 
 FEWEST_SHARED: Final = 20  # of the others' points: fewer carry no pose, and no doubt of one
 KNOWN_ROWS: Final = 400  # of a refined flight, evenly spread, that a camera is tried on
-
-
-@dataclass(frozen=True)
-class Known:
-    """Where objects were by the cameras that have a pose: site times (N,) in seconds from t_mid, points (N, 3)."""
-
-    t_s: Array
-    points: Array
 
 
 @dataclass(frozen=True)
@@ -70,7 +60,7 @@ def known_of(estimate: FlightEstimate) -> Known:
 def why_without_pose(known: Known, camera: Unposed) -> Why:
     """The cause that was found by trying, or what was tried in vain."""
     name = camera.site.id
-    if len(_matched(known, camera.tracks, camera.offset_s)[0]) < FEWEST_SHARED:
+    if len(matched(known, camera.tracks, camera.offset_s)[0]) < FEWEST_SHARED:
         what = f"{name} hardly ever saw an object while two others did"
         return Why(Cause.VIEWS, name, what, f"turn {name} to where they look, or fly where all of them see it")
     best = _best_reading(known, camera)
@@ -96,18 +86,5 @@ def _best_reading(known: Known, camera: Unposed) -> Reading | None:
 
 def explained_share(known: Known, tracks: list[TrackSeries], offset_s: float) -> float:
     """Of the instants at which a track runs, for how many one pose explains some point of then."""
-    points, rays, instants = _matched(known, tracks, offset_s)
-    found = resect(points, rays, threshold_ray([tracks])) if len(points) >= FEWEST_SHARED else None
-    return len(np.unique(instants[found.inlier])) / len(np.unique(instants)) if found else 0.0
-
-
-def _matched(known: Known, tracks: list[TrackSeries], offset_s: float) -> tuple[Array, Array, Array]:
-    """The points (M, 3), rays (M, 2) and times (M,) at which a track runs, every track a candidate."""
-    points, rays, instants = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros(0)]
-    for track in tracks:
-        at = track.at(known.t_s - offset_s)
-        good = np.isfinite(at[:, 0])
-        points.append(known.points[good])
-        rays.append(at[good])
-        instants.append(known.t_s[good])
-    return np.concatenate(points), np.concatenate(rays), np.concatenate(instants)
+    pose = resect_camera(known, tracks, offset_s, FEWEST_SHARED)
+    return pose.share if pose else 0.0

@@ -13,7 +13,7 @@ from calib.solving.found import Cause
 from calib.solving.inputs import prepare
 from calib.solving.scaffold import Scaffold, build
 from calib.solving.solve import solve
-from calib.solving.unposed import Known, Unposed, Why, why_without_pose
+from calib.solving.unposed import Unposed, Why, why_without_pose
 from tools.doubles.hazards import scenery
 from tools.doubles.hazards.brought import Brought, with_rows
 from tools.doubles.hazards.kinds import draw
@@ -33,7 +33,7 @@ def why(brought: Brought, name: str) -> Why:
     scaffold = scaffolded(Scene(scene.site, scene.origin, scene.cameras, others))
     whole = prepare(scene)
     camera = Unposed(whole.sites[name], scene.observations[name], whole.tracks[name], 0.0)
-    return why_without_pose(Known(scaffold.t_s, scaffold.points), camera)
+    return why_without_pose(scaffold.known, camera)
 
 
 def of_four(seed: int, **keys: object) -> Brought:
