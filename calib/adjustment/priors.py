@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.adjustment.projection import CAMERA_SIZE, CENTRE, LENS, OFFSET, RATE, READOUT, ROTATION
+from calib.geometry.rotation import rotation, skew
 from calib.network import Camera
 from calib.observations import SiteCamera
 from edge.common.arrays import Array
@@ -77,11 +78,7 @@ class CameraPrior:
         if self.up_cam is None:
             return np.zeros(3), np.zeros((3, 3))
         up = camera.R_cam_enu[:, 2]
-        return (up - self.up_cam) / self.up_sigma_rad, -_cross(up) / self.up_sigma_rad
-
-
-def _cross(v: Array) -> Array:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+        return (up - self.up_cam) / self.up_sigma_rad, -skew(up) / self.up_sigma_rad
 
 
 def lens_sigma(camera: Camera) -> Array:
@@ -186,11 +183,8 @@ def _readout_sigma(site: SiteCamera) -> float:
 
 def moved(camera: Camera, step: Array) -> Camera:
     """The camera after a step (14,) of the adjustment."""
-    rotation = step[ROTATION]
-    angle = float(np.linalg.norm(rotation))
-    axis = _cross(rotation / angle) if angle > 0 else np.zeros((3, 3))
-    turn = np.eye(3) + np.sin(angle) * axis + (1 - np.cos(angle)) * axis @ axis
-    U, _, Vt = np.linalg.svd(turn @ camera.R_cam_enu)  # rounding of many steps must not leave the rotations
+    # Rounding of many steps must not leave the rotations.
+    U, _, Vt = np.linalg.svd(rotation(step[ROTATION]) @ camera.R_cam_enu)
     return Camera(
         camera.id,
         camera.lens.refined(step[LENS]),

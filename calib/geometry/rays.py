@@ -1,4 +1,4 @@
-"""Where rays of two cameras come nearest to each other.
+"""Rays as unit vectors, and where those of two cameras come nearest to each other.
 
 The hazard is the flat crossing: under a fraction of a degree two rays pass each other closely anywhere, and where they
 are nearest is noise. The sine of their angle is therefore part of the answer, and too small a one makes it no meeting.
@@ -25,6 +25,13 @@ class NearestPoint:
     range_a_m: Array
     range_b_m: Array
     sine2: Array
+
+
+def directions_cam(rays: Array) -> Array:
+    """(N, 3) unit vectors in the camera frame of rays (N, 2); NaN stays NaN."""
+    homogeneous = np.column_stack([rays, np.ones(len(rays))])
+    unit: Array = homogeneous / np.linalg.norm(homogeneous, axis=1, keepdims=True)
+    return unit
 
 
 def nearest_point(centre_a: Array, bearing_a: Array, centre_b: Array, bearing_b: Array) -> NearestPoint:

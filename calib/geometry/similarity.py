@@ -12,6 +12,7 @@ import numpy as np
 from calib.errors import CalibrationError
 from edge.common.arrays import Array
 
+HOLD_A_FRAME: Final = 3  # points, not in a line: with fewer the roll about their line is free
 UP_WEIGHT: Final = 1e-2  # a survey knows the line's direction to a milliradian, a level knows up to a degree
 
 
@@ -51,7 +52,7 @@ def fit_similarity(source: Array, target: Array, weight: Array | None = None, *,
     weight: (N,), one by default. Raises CalibrationError for fewer than three points or points at one place.
     Umeyama 1991, weighted.
     """
-    if len(source) < 3:
+    if len(source) < HOLD_A_FRAME:
         raise CalibrationError(
             f"{len(source)} common points, a similarity needs three",
             where="georeferencing",

@@ -8,8 +8,9 @@ the place on the row, is iterated until nothing changes.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from calib.geometry.rotation import rotation
 from calib.simulation import description
 from calib.simulation.flight import ObjectFlight
 from edge.common.arrays import Array
@@ -98,18 +99,6 @@ def true_camera(camera: description.CameraSpec, t_mid_s: float) -> TrueCamera:
         centres.append(centres[-1] + bump.shift_m)
     since = np.array([-np.inf, *(bump.at_s for bump in bumps)])
     return TrueCamera(camera, lens, since, np.array(rotations), np.array(centres), t_mid_s)
-
-
-def rotation(vector: ArrayLike) -> Array:
-    """(3, 3) rotation by a vector (3,) in radians (Rodrigues 1840)."""
-    axis = np.asarray(vector, float)
-    angle = float(np.linalg.norm(axis))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = axis / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turned: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return turned
 
 
 def _aim(camera: description.CameraSpec) -> Array:

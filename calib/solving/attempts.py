@@ -15,6 +15,7 @@ import numpy as np
 
 from calib.adjustment.bundle import settle
 from calib.errors import CalibrationError, ContradictionError, UndeterminedError
+from calib.geometry.similarity import HOLD_A_FRAME
 from calib.network import Camera, Network
 from calib.solving.beginnings import from_survey, rolled
 from calib.solving.common_time import Timed
@@ -153,7 +154,7 @@ def _beginnings(timed: Timed, first: Attempt | None) -> Iterator[InitialEstimate
 def _in_a_line(timed: Timed, cameras: tuple[Camera, ...]) -> bool:
     sites = [timed.inputs.sites[camera.id] for camera in cameras]
     surveyed = np.array([site.position_enu for site in sites if site.position_enu is not None])
-    if len(surveyed) < 3 or any(site.up_cam is not None for site in sites):
+    if len(surveyed) < HOLD_A_FRAME or any(site.up_cam is not None for site in sites):
         return False
     extent = np.linalg.svd(surveyed - surveyed.mean(0), compute_uv=False)
     return bool(extent[1] < LINE_FLATNESS * extent[0])

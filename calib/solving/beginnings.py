@@ -13,11 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from calib.geometry.similarity import UNCHANGED
+from calib.geometry.rays import directions_cam
+from calib.geometry.rotation import fit_rotation, rotation
+from calib.geometry.similarity import HOLD_A_FRAME, UNCHANGED, Similarity
 from calib.geometry.twoview import reprojection, triangulate
 from calib.network import Camera
 from calib.observations import SiteCamera
-from calib.solving.bootstrap import to_enu
+from calib.solving.bootstrap import in_frame, to_enu
 from calib.solving.clock_consensus import Clock
 from calib.solving.inputs import Inputs
 from calib.solving.scaffold import Pose
@@ -46,7 +48,7 @@ def from_survey(inputs: Inputs, clocks: dict[str, Clock]) -> list[tuple[Camera, 
     """
     offsets = {name: clock.offset_s for name, clock in clocks.items()}
     names = [name for name in sorted(clocks) if inputs.sites[name].position_enu is not None and name in inputs.tracks]
-    fewest = 2 if any(inputs.sites[name].up_cam is not None for name in names) else 3
+    fewest = 2 if any(inputs.sites[name].up_cam is not None for name in names) else HOLD_A_FRAME
     if len(names) < fewest:
         return []
     first = max(names, key=lambda name: inputs.tracks[name][0].duration_s)
@@ -74,8 +76,7 @@ def _camera(site: SiteCamera, R: Array, centre: Array, clock: Clock) -> Camera:
 
 def _bettered(rays: list[Array], centres: Array) -> list[tuple[float, Array]]:
     """(misfit, attitudes (C, 3, 3)) of the assumptions that fit best, after some turns; rays: (T, 2) by camera."""
-    directions = np.array([np.column_stack([ray, np.ones(len(ray))]) for ray in rays])
-    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    directions = np.array([directions_cam(ray) for ray in rays])
     return sorted(
         (_turned(rays, directions, centres, R) for R in _assumed(directions, centres)), key=lambda one: one[0]
     )
@@ -113,9 +114,7 @@ def _attitude(heading_rad: float, elevation_rad: float, roll_rad: float) -> Arra
 def _fitted(seen: Array, towards: Array, weight: Array) -> tuple[Array, Array]:
     """Attitudes (G, 3, 3) that take directions (G, T, 3) closest to seen ones (T, 3), and the rms angle (G,)."""
     towards = towards / np.linalg.norm(towards, axis=2, keepdims=True)
-    U, _, Vt = np.linalg.svd(np.einsum("ti,gtj->gij", seen * weight[:, None], towards))
-    U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
-    R = U @ Vt
+    R = fit_rotation(seen, towards, weight)
     off = seen - np.einsum("gij,gtj->gti", R, towards)
     return R, np.sqrt(((off**2).sum(2) * weight).sum(1) / max(float(weight.sum()), 1.0))
 
@@ -152,10 +151,7 @@ def rolled(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> Iterato
     surveyed = np.array([sites[c.id].position_enu for c in cameras if sites[c.id].position_enu is not None], float)
     middle = surveyed.mean(0)
     along = np.linalg.svd(surveyed - middle)[2][0]
-    cross = np.array([[0, -along[2], along[1]], [along[2], 0, -along[0]], [-along[1], along[0], 0]])
-    for angle in 2 * np.pi * np.arange(1, ROLL_STEPS) / ROLL_STEPS:
-        turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        yield tuple(
-            replace(c, R_cam_enu=c.R_cam_enu @ turn.T, centre_enu=middle + turn @ (c.centre_enu - middle))
-            for c in cameras
-        )
+    for angle_rad in 2 * np.pi * np.arange(1, ROLL_STEPS) / ROLL_STEPS:
+        turn = rotation(angle_rad * along)
+        about_line = Similarity(1.0, turn, middle - turn @ middle)
+        yield tuple(in_frame(camera, about_line) for camera in cameras)

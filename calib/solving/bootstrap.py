@@ -4,6 +4,7 @@ Nothing here is accurate; everything here must be right to a few per cent, becau
 The hazard is a stretch of flight that hardly two cameras saw: it is open in some direction and bends everything.
 """
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -32,10 +33,14 @@ HIGHEST_RATE_HZ: Final = 30.0  # rows beyond it are copies of their neighbours' 
 
 def to_enu(pose: Pose, site: SiteCamera, similarity: Similarity, offset_s: float) -> Camera:
     """A scaffold pose as a camera of the site."""
-    R = pose.R @ similarity.rotation.T
-    centre = similarity.apply(pose.centre[None])[0]
     readout = site.readout_s if site.readout_s is not None else READOUT_S
-    return Camera(site.id, site.lens, R, centre, offset_s, 0.0, readout)
+    return in_frame(Camera(site.id, site.lens, pose.R, pose.centre, offset_s, 0.0, readout), similarity)
+
+
+def in_frame(camera: Camera, similarity: Similarity) -> Camera:
+    """A camera after a similarity of the world it stands in."""
+    centre = similarity.apply(camera.centre_enu[None])[0]
+    return replace(camera, R_cam_enu=camera.R_cam_enu @ similarity.rotation.T, centre_enu=centre)
 
 
 def gather(

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from calib.errors import CalibrationError, ContradictionError
-from calib.geometry.similarity import Similarity, SimilarityFit, fit_similarity, fit_with_up, rms
+from calib.geometry.similarity import HOLD_A_FRAME, Similarity, SimilarityFit, fit_similarity, fit_with_up, rms
 from calib.observations import SiteCamera
 from calib.solving.doubts import SLIPS_M, Claim, Doubt
 from calib.solving.scaffold import Pose, Scaffold
@@ -27,7 +27,6 @@ SUSPICIOUS_MISFIT: Final = 0.08  # of the cameras' spread: a scaffold on unrefin
 CURE: Final = 0.35  # an explanation that shrinks the misfit below this share of it has explained it
 AS_GOOD: Final = 1.5  # times the best explanation's misfit
 LOOSEST_ROLL_RAD: Final = 0.05  # 5 m at 100 m: beyond it a line of cameras is no survey
-FEWEST_POSITIONS: Final = 3  # that hold a frame
 OVERTURNED: Final = "as it is surveyed the cameras hang upside down and what flies is under the ground"
 CHECK_UP: Final = (
     "check whether positions are exchanged and whether the detector's pixels are counted from the top left; "
@@ -73,7 +72,7 @@ def georeference(scaffold: Scaffold, cameras: dict[str, SiteCamera]) -> Georefer
     source = np.array([poses[name].centre for name in names]).reshape(-1, 3)
     target = np.array([cameras[name].position_enu for name in names]).reshape(-1, 3)
     roll_rad = _roll_sigma_rad(target, [cameras[name] for name in names])
-    if len(names) < FEWEST_POSITIONS or roll_rad > LOOSEST_ROLL_RAD:
+    if len(names) < HOLD_A_FRAME or roll_rad > LOOSEST_ROLL_RAD:
         return Georeference(fit_with_up(source, target, _up_directions(names, roll_rad, poses, cameras)))
     return _Survey(scaffold, cameras, tuple(names), source, target).believed()
 
@@ -92,7 +91,7 @@ class _Survey:
         """The survey as it is, or what explains it better. Raises CalibrationError if nothing does, or too much."""
         as_it_is = self._explanation("", self.source, self.target)
         spread_m = float(np.sqrt(((self.target - self.target.mean(0)) ** 2).sum(1).mean()))
-        fits = as_it_is.misfit_m <= SUSPICIOUS_MISFIT * spread_m or len(self.names) < FEWEST_POSITIONS + 1
+        fits = as_it_is.misfit_m <= SUSPICIOUS_MISFIT * spread_m or len(self.names) < HOLD_A_FRAME + 1
         if as_it_is.upright and fits:
             return Georeference(as_it_is.fit.similarity)
         limit_m = SUSPICIOUS_MISFIT * spread_m if fits else CURE * as_it_is.misfit_m
@@ -108,7 +107,7 @@ class _Survey:
 
     def _gone_on_with(self, as_it_is: _Explanation, found: list[_Explanation]) -> Georeference:
         left = len(self.names) - len(found[0].disbelieved) if found else 0
-        if len(found) == 1 and found[0].mends_survey and left >= FEWEST_POSITIONS:
+        if len(found) == 1 and found[0].mends_survey and left >= HOLD_A_FRAME:
             doubts = tuple(
                 Believed(Doubt(Claim.POSITION, (name,), SLIPS_M[-1], 1.0), 1.0) for name in found[0].disbelieved
             )
@@ -154,7 +153,7 @@ class _Survey:
 
 def _roll_sigma_rad(positions: Array, cameras: list[SiteCamera]) -> float:
     """How well a survey fixes the roll about the line its positions are nearest to, one sigma."""
-    if len(positions) < FEWEST_POSITIONS:
+    if len(positions) < HOLD_A_FRAME:
         return np.inf
     second = float(np.linalg.svd(positions - positions.mean(0), compute_uv=False)[1])
     variance = np.mean([np.trace(c.position_covariance) / 3 for c in cameras if c.position_covariance is not None])
@@ -166,7 +165,7 @@ def _up_directions(names: list[str], roll_rad: float, poses: dict[str, Pose], ca
     ups = [poses[name].R.T @ up for name in sorted(poses) if (up := cameras[name].up_cam) is not None]
     if len(names) >= 2 and ups:
         return np.array(ups)
-    if len(names) < 3:
+    if len(names) < HOLD_A_FRAME:
         fault = f"{len(names)} calibrated cameras have a surveyed position ({', '.join(names) or 'none'}), three must"
         cure = "survey more tripods and see that all see the flight; two suffice if one says where up is"
     else:

@@ -12,6 +12,8 @@ from typing import Final
 import numpy as np
 
 from calib.errors import UndeterminedError
+from calib.geometry.rays import directions_cam
+from calib.geometry.rotation import fit_rotation
 from calib.solving.clock_consensus import Clock
 from calib.solving.scaffold import NOISE_SIGMAS
 from calib.solving.series import TrackSeries, common, noise_ray
@@ -47,19 +49,12 @@ def _turn(one: tuple[TrackSeries, Clock], two: tuple[TrackSeries, Clock]) -> tup
     seen = common(tracks[0], tracks[1], one[1].offset_s, two[1].offset_s, COMPARED)
     if len(seen.t_s) < FEWEST_COMPARED:
         return None
-    first, second = _directions(seen.rays1), _directions(seen.rays2)
-    U, _, Vt = np.linalg.svd(second.T @ first)
-    turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    first, second = directions_cam(seen.rays1), directions_cam(seen.rays2)
+    turn = fit_rotation(second, first[None], np.ones(len(first)))[0]
     off = float(np.percentile(np.linalg.norm(second - first @ turn.T, axis=1), NEARLY_ALL))
     reach = max(float(np.percentile(_reach(rays), NEARLY_ALL)) for rays in (seen.rays1, seen.rays2))
     noise = max(noise_ray(own) for own in tracks)
     return off, float(np.hypot(LENS_FILE_OFF * reach, NOISE_SIGMAS * noise))
-
-
-def _directions(rays: Array) -> Array:
-    directions = np.column_stack([rays, np.ones(len(rays))])
-    unit: Array = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return unit
 
 
 def _reach(rays: Array) -> Array:

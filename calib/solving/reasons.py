@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.adjustment.flight import FlightEstimate
 from calib.errors import CalibrationError, ContradictionError
+from calib.geometry.similarity import HOLD_A_FRAME
 from calib.solving.found import Cause
 from calib.solving.inputs import Inputs
 from calib.solving.readings import other_sizes
@@ -18,7 +19,6 @@ from calib.solving.scaffold import GOOD_SHARE, Known, Scaffold, build
 from calib.solving.series import TrackSeries
 from calib.solving.unposed import Unposed, Why, explained_share, known_of, why_without_pose
 
-FRAME_NEEDS: Final = 3  # surveyed cameras that have a pose, where none says where up is
 FEWEST_CAMERAS: Final = 2  # of anything that is seen together
 WHOLE_SHARE: Final = 0.97  # of its rows, that a right lens file explains; with a wrong one two cameras reach 0.96
 CHANCE_SHARE: Final = 0.1  # that rows of something else explain; those of a wrong lens file explain twice as many
@@ -48,7 +48,7 @@ def refuse_bent(inputs: Inputs, tracks: Tracks, offsets: dict[str, float], scaff
     two that do, nothing says that they do so rightly.
     """
     shares = [pose.share for pose in scaffold.poses.values()]
-    doubtful = len(shares) < len(offsets) and (min(shares) < GOOD_SHARE or len(shares) < FRAME_NEEDS)
+    doubtful = len(shares) < len(offsets) and (min(shares) < GOOD_SHARE or len(shares) < HOLD_A_FRAME)
     if doubtful and not _apart(tracks, offsets, scaffold) and (every := _wrong_in_all(inputs, tracks, offsets)):
         raise ContradictionError(every.what, where="lens files", action=every.cure)
 
@@ -63,7 +63,7 @@ def too_few_poses(
     surveyed = [name for name, site in sorted(inputs.sites.items()) if site.position_enu is not None]
     unposed = [name for name in surveyed if name not in scaffold.poses]
     posed = len(surveyed) - len(unposed)
-    if not unposed or posed >= FRAME_NEEDS:
+    if not unposed or posed >= HOLD_A_FRAME:
         return None
     apart = _apart(tracks, offsets, scaffold)
     if apart is not None:

@@ -13,8 +13,8 @@ import numpy as np
 from calib.adjustment.bundle import Adjusted, Problem, settle
 from calib.adjustment.flight import FlightEstimate
 from calib.errors import CalibrationError
-from calib.geometry.similarity import Similarity, fit_similarity
-from calib.network import Camera
+from calib.geometry.similarity import HOLD_A_FRAME, Similarity, fit_similarity
+from calib.solving.bootstrap import in_frame
 from calib.solving.doubts import Claim
 from calib.solving.strain import CERTAIN, UNLIKELY, Believed, most_probable_first, widening
 from edge.common.arrays import Array
@@ -55,7 +55,7 @@ def _started(estimate: FlightEstimate, problem: Problem, rival: Believed) -> Fli
         for index, prior in enumerate(problem.priors)
         if prior.centre_information.any() and prior.mean.id not in doubted
     ]
-    if len(used) < 3:
+    if len(used) < HOLD_A_FRAME:
         return estimate
     centres = np.array([estimate.cameras[index].centre_enu for index in used])
     surveyed = np.array([problem.priors[index].mean.centre_enu for index in used])
@@ -64,11 +64,6 @@ def _started(estimate: FlightEstimate, problem: Problem, rival: Believed) -> Fli
 
 def turned(estimate: FlightEstimate, similarity: Similarity) -> FlightEstimate:
     """Cameras and flight after a similarity of the world."""
-    cameras = tuple(_turned(camera, similarity) for camera in estimate.cameras)
+    cameras = tuple(in_frame(camera, similarity) for camera in estimate.cameras)
     control: Array = similarity.apply(estimate.control)
     return replace(estimate, cameras=cameras, control=control)
-
-
-def _turned(camera: Camera, similarity: Similarity) -> Camera:
-    centre = similarity.apply(camera.centre_enu[None])[0]
-    return replace(camera, R_cam_enu=camera.R_cam_enu @ similarity.rotation.T, centre_enu=centre)

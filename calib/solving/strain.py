@@ -22,6 +22,7 @@ from calib.adjustment.bundle import Adjusted, Problem
 from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.projection import centre_of
 from calib.adjustment.uncertainty import settled_covariance
+from calib.geometry.similarity import HOLD_A_FRAME
 from calib.solving.doubts import Doubt, all_doubts, directions
 from calib.solving.survey_check import TESTABLE
 from edge.common.arrays import Array
@@ -31,7 +32,6 @@ UNLIKELY: Final = 0.02  # probability of a doubt, below which it is not allowed 
 CERTAIN: Final = 0.95  # probability from which on a doubt stands alone
 LARGEST_SIZE: Final = 0.05  # of a doubt's probability: the largest size that has as much is allowed for
 BEYOND_DOUBT: Final = 1e-6  # chance of priors being so strained, when nothing that people get wrong explains it
-FEWEST_SURVEYED: Final = 3  # positions: fewer have no shape that cameras could contradict
 AT_ONCE: Final = 3  # things that are wrong at once, each hidden by the other
 
 
@@ -170,7 +170,7 @@ def survey_test(adjusted: Adjusted, problem: Problem) -> PriorTest | None:
     for index in range(len(prior.cameras)):
         surveyed[centre_of(index)] = True
     chosen = surveyed[prior.known]
-    if chosen.sum() < 3 * FEWEST_SURVEYED:
+    if chosen.sum() < 3 * HOLD_A_FRAME:
         return None
     seen = PixelInformation.of(adjusted, problem).about(chosen, prior.claimed)
     return seen.against(prior.claimed[np.ix_(chosen, chosen)])

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import CalibrationError
+from calib.geometry.rotation import rotation
 from calib.network import Camera, Network, from_toml, to_toml
-from calib.simulation.camera import rotation
 from edge.lens import LensModel
 
 numbers = st.floats(-1e6, 1e6, allow_subnormal=False)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibrationError
+from calib.geometry.rotation import rotation
 from calib.observations import Scene
-from calib.simulation.camera import rotation
 from calib.simulation.simulation import Simulated
 from tests.calib.flights import site
 from tests.synthetic.solving import assert_right, solved

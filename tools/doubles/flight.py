@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
+from calib.geometry.rotation import rotation
 from calib.network import POSE_SIZE, Camera, Network
 from calib.observations import Frame
-from calib.simulation.camera import rotation
 from calib.simulation.description import CameraSpec, ObjectSpec, Roam, Simulation
 from calib.simulation.simulation import Simulated, Watched, disturb, true_network, watch
 from edge.common.arrays import Array

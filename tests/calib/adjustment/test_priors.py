@@ -11,9 +11,9 @@ from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.normal import Normal
 from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, moved, time_reference
 from calib.adjustment.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT, ROTATION
+from calib.geometry.rotation import rotation
 from calib.network import Camera
 from calib.observations import SiteCamera
-from calib.simulation.camera import rotation
 from edge.lens import LensModel
 
 LENS_MODEL = LensModel("radtan", (1000.0, 1000.0, 960.0, 540.0), (0.0,) * 4, (1920, 1080))

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from calib.adjustment.priors import moved
 from calib.adjustment.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT, CameraData, Projected, project
+from calib.geometry.rotation import rotation
 from calib.geometry.spline import Flight, evaluate
 from calib.network import Camera
-from calib.simulation.camera import rotation
 from edge.lens import LensModel
 
 LENSES = {

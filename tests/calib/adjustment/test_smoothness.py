@@ -12,8 +12,8 @@ from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.normal import Normal
 from calib.adjustment.smoothness import Smoothness
 from calib.errors import CalibrationError
+from calib.geometry.rotation import rotation
 from calib.geometry.spline import ORDER, Flight
-from calib.simulation.camera import rotation
 from calib.simulation.simulation import simulate
 from calib.solving.solve import solve
 from edge.common.arrays import Array

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.geometry.resection import resect
-from calib.simulation.camera import rotation
+from calib.geometry.rotation import rotation
 
 RNG = np.random.default_rng(11)
 POINTS = RNG.uniform([-30, -30, 20], [30, 30, 60], (150, 3)) + np.array([400.0, -300.0, 0.0])

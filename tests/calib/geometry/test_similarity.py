@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import CalibrationError
+from calib.geometry.rotation import rotation
 from calib.geometry.similarity import Similarity, fit_similarity, fit_with_up, rms
-from calib.simulation.camera import rotation
 
 SIX = np.array([[0, 0, 0], [50, 4, 1], [20, 60, 0], [-40, 30, 2], [-30, -40, 1], [10, -70, 3]], float)
 vectors = st.tuples(*[st.floats(-3, 3)] * 3)

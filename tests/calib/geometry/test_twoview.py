@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib.geometry.rotation import rotation
 from calib.geometry.twoview import (
     decompose,
     essential_by_svd,
@@ -13,7 +14,6 @@ from calib.geometry.twoview import (
     reprojection,
     triangulate,
 )
-from calib.simulation.camera import rotation
 
 POINTS = np.random.default_rng(7).uniform([-20, -15, 30], [20, 15, 90], (120, 3))
 R = rotation([0.1, -0.7, 0.05])

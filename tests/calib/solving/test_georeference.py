@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibrationError
+from calib.geometry.rotation import rotation
 from calib.observations import SiteCamera
-from calib.simulation.camera import rotation
 from calib.solving.doubts import Claim
 from calib.solving.georeference import Georeference, georeference
 from calib.solving.scaffold import Pose, Scaffold

@@ -9,10 +9,10 @@ from calib.adjustment.bundle import Adjusted, Problem, adjust_rounds
 from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.priors import camera_priors
 from calib.adjustment.weights import Weights
+from calib.geometry.rotation import rotation
 from calib.geometry.similarity import Similarity
 from calib.geometry.spline import Flight, evaluate
 from calib.network import Camera
-from calib.simulation.camera import rotation
 from calib.simulation.simulation import simulate
 from calib.solving.bootstrap import first_estimate
 from calib.solving.doubts import Claim, Doubt

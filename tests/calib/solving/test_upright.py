@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.simulation.camera import rotation
+from calib.geometry.rotation import rotation
 from calib.solving.upright import DECIDES, upside_down
 from edge.common.arrays import Array
 

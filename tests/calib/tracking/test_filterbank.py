@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.geometry.rotation import rotation
 from calib.sighting import CameraView
-from calib.simulation.camera import rotation
 from calib.tracking.filterbank import FilterBank, Look, Rays
 from calib.tracking.motion import Singer
 from tools.doubles.flight import Spec, make

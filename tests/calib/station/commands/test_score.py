@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calib.geometry.rotation import rotation
 from calib.scoring.alignment import ALIGNMENTS, fit
 from calib.scoring.timing import Path
 from calib.scoring.trajectory import evaluate
-from calib.simulation.camera import rotation
 from calib.station.app import main
 from edge.common.errors import SkyfixError
 
