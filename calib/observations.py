@@ -45,7 +45,7 @@ class Observations:
 class Frame:
     """Measurements of one camera in one frame: pixels (K, 2), label (K,) its own track numbers, sigma_px (K,).
 
-    width_px: (K,) of the boxes, None where nobody says.
+    width_px: (K,) of the boxes, NaN or None where nobody says.
     """
 
     camera: str

@@ -33,10 +33,9 @@ class BoxShare:
 
     def learn(self, found: ObjectEvidence) -> None:
         """Take one object's slice that speaks of no fault."""
-        width_px2 = float(np.mean(found.width_px**2))
-        if sum(found.agree) < AGREE or width_px2 == 0:  # boxes without a size say nothing of a share of it
+        if sum(found.agree) < AGREE:
             return
-        share2 = found.spread_px2 / width_px2
+        share2 = found.spread_px2 / float(np.mean(found.width_px**2))
         self._sum += min(share2, LARGEST_SHARE**2)
         self._count += 1.0
         if self._count > MEMORY_SLICES:

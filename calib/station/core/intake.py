@@ -244,9 +244,10 @@ class Intake:
             fault = f"pixel ({first.u_px:.0f}, {first.v_px:.0f}) lies outside its {_size(tracks.size_px)} image"
             action = "check the box's detector and resolution; such rows are dropped"
             camera.fault("absurd_pixel", fault, action, now_ns, len(confirmed) - len(kept))
-        # One array of all, for every frame comes through here: many small ones cost more than all the rules above.
+        # One array of all, for every frame comes through here: many small ones cost more than all the rules above. A
+        # box without a size is one that nobody measured: a track folder has points.
         rows = np.array(
-            [(d.u_px, d.v_px, np.nan if d.sigma_px is None else d.sigma_px, d.width_px) for d in kept], float
+            [(d.u_px, d.v_px, np.nan if d.sigma_px is None else d.sigma_px, d.width_px or np.nan) for d in kept], float
         )
         rows = rows.reshape(-1, 4)
         label = np.array([d.track for d in kept], np.int64)

@@ -41,10 +41,3 @@ def test_a_clock_is_held_against_its_own_past_if_the_flight_told_it() -> None:
     assert settled.sigma_s == pytest.approx(np.hypot([0.003, 0.04], WANDER_SIGMA_S)), "what the flight did not tell"
     wander.clear()
     assert wander.expected(SETTLED_NS, 2).off_s == pytest.approx([0.0, 0.0])
-
-
-def test_boxes_without_a_size_teach_nothing() -> None:
-    """A track folder need not have widths: its boxes are points."""
-    box = BoxShare()
-    box.learn(a_slice(4.0, 0.0))
-    assert box.sigma == FIRST_SHARE

@@ -65,6 +65,22 @@ def test_a_healthy_site_sends_targets(feed: Feed) -> None:
     assert [phase for _, phase in fed.phases] == ["collecting", "calibrated"]
 
 
+def test_boxes_without_a_size_are_followed_and_guarded_like_others(feed: Feed) -> None:
+    """What is replayed from a track folder has none, and a share of nothing is no number."""
+
+    def points(sent: Sent) -> Iterator[Sent]:
+        if not sent.key.endswith("/tracks"):
+            yield sent
+            return
+        message = msgspec.json.decode(sent.payload, type=Tracks)
+        bare = [msgspec.structs.replace(one, width_px=0.0, height_px=0.0) for one in message.detections]
+        yield sent._replace(payload=encode(msgspec.structs.replace(message, detections=bare)))
+
+    fed = feed(SHORT, points)
+    still_works(fed)
+    assert [phase for _, phase in fed.phases] == ["collecting", "calibrated"]
+
+
 def test_tracks_of_an_unknown_camera_are_named(feed: Feed) -> None:
     def also_as_cam9(sent: Sent) -> Iterator[Sent]:
         yield sent
