@@ -38,9 +38,7 @@ class Timed:
         if not self.found:
             return error
         clocks = [str(one) for one in self.found]
-        return CalibrationError(
-            f"{'; '.join(clocks)}; without that, {error.what}", where=error.where, action=error.action
-        )
+        return type(error)(f"{'; '.join(clocks)}; without that, {error.what}", where=error.where, action=error.action)
 
     def as_stamped(self, network: Network) -> Network:
         """The network with clocks that hold for the stamps as they came."""

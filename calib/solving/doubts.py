@@ -45,7 +45,7 @@ class Claim(StrEnum):
 
 @dataclass(frozen=True)
 class Doubt:
-    """That `cause` is off in these cameras, by `size` (m, share of the focal length, coefficient, s, claimed
+    """That what is claimed is off in these cameras, by `size` (m, share of the focal length, coefficient, s, claimed
     sigmas), one sigma.
 
     odds: how often that happens, against a site where all is as claimed. together: they are all off by the same.

@@ -13,7 +13,6 @@ import numpy as np
 
 from calib.adjustment.bundle import Adjusted, Problem, adjust
 from calib.adjustment.flight import FlightEstimate
-from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
 from calib.adjustment.projection import ROTATION
 from calib.adjustment.weights import Weights
@@ -76,10 +75,8 @@ class _Attempt:
     doubt_rounds: int = 0
     adjusted: Adjusted | None = None
     strain: Strain | None = None
-    _blind: str | None = None
-
-    def __post_init__(self) -> None:
-        self.problem, self.estimate = problem_of(self.inputs, self.initial, self.knots_s)
+    problem: Problem = field(init=False)
+    estimate: FlightEstimate = field(init=False)
 
     def adjust(self) -> None:
         """Adjust what there is; `adjusted` stays None if a camera hardly saw anything, or nothing can be determined."""
@@ -119,6 +116,11 @@ class _Attempt:
         found = strain(self.adjusted, self.problem)
         self.strain = replace(found, doubts=told_apart(self.adjusted, self.problem, found.doubts))
         if self.doubt_rounds >= DOUBT_ROUNDS or _covered(self.strain.doubts, self.initial.doubts):
+            return False
+        (weighed, stated), (before, _) = (_parted(d, self.problem) for d in (self.strain.doubts, self.initial.doubts))
+        if _covered(weighed, before):  # only what is stated changes: adjusting anew would find the same
+            self.initial = replace(self.initial, doubts=self.strain.doubts)
+            self.problem = replace(self.problem, beyond=widening(stated, self.problem.prior))
             return False
         self.doubt_rounds += 1
         self.initial = replace(self.initial, cameras=self.adjusted.estimate.cameras, doubts=self.strain.doubts)
@@ -161,12 +163,18 @@ def problem_of(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> tupl
         t_mid=inputs.t_mid_unix_ns,
         spacing_s=knots_s,
     )
-    prior = JointPrior(priors)
-    weighed = tuple(one for one in initial.doubts if not slight_in_all(one.doubt, prior))
-    slight = tuple(one for one in initial.doubts if slight_in_all(one.doubt, prior))
-    widened = widening(weighed, prior) if weighed else None
-    beyond = widening(slight, prior) if slight else None
-    return Problem(data, priors, widened, beyond), estimate
+    plain = Problem(data, priors)
+    weighed, stated = _parted(initial.doubts, plain)
+    widened = widening(weighed, plain.prior) if weighed else None
+    beyond = widening(stated, plain.prior) if stated else None
+    return replace(plain, widened=widened, beyond=beyond), estimate
+
+
+def _parted(doubts: tuple[Believed, ...], problem: Problem) -> tuple[tuple[Believed, ...], tuple[Believed, ...]]:
+    """Doubts that priors are weighed by, and those that only what is stated grows by."""
+    slight = [slight_in_all(one.doubt, problem.prior) for one in doubts]
+    pairs = list(zip(doubts, slight, strict=True))
+    return tuple(one for one, only in pairs if not only), tuple(one for one, only in pairs if only)
 
 
 def _local_gauge(priors: tuple[CameraPrior, ...], gauge: tuple[str, str]) -> tuple[CameraPrior, ...]:

@@ -3,10 +3,10 @@
 The hazard is the prior that gives way in silence. An adjustment moves a lens by eight of its sigmas, because a height
 was typed above sea level, and reports the sigma of a flight in which everything was as claimed. How far survey, lenses
 and clocks were moved, all together and against how far they may, is a chi-square test (Baarda 1968); but one wrong
-number among forty hides in it. So each thing that people get wrong is a hypothesis (`doubts`): it says by how much more
-the priors may be off, and what the cameras saw has a likelihood under it. If it is unlikely that all
-is as claimed, whatever is not unlikely widens the priors, and everything is adjusted again: where the others determine
-what is no longer believed, little is lost, and where they do not, the sigma says so.
+number among forty hides in it. So each thing that people get wrong is a hypothesis (`doubts`): it says by how much
+more the priors may be off, and what the cameras saw has a likelihood under it. If it is unlikely that all is as
+claimed, whatever is not unlikely widens the priors, and everything is adjusted again: where the others determine what
+is no longer believed, little is lost, and where they do not, the sigma says so.
 """
 
 from collections.abc import Iterable, Iterator
@@ -187,6 +187,8 @@ def widening(doubts: tuple[Believed, ...], prior: JointPrior) -> Array:
 
 @dataclass(frozen=True)
 class Weighing:
+    """What priors claim, and what the pixels alone say of it: which doubts are likely."""
+
     prior: JointPrior
     seen: PixelInformation
 
@@ -197,6 +199,7 @@ class Weighing:
         return {one: parts for one, parts in found.items() if parts.any()}
 
     def strain(self) -> Strain:
+        """The test of the priors as claimed, and what is doubted: a cause at a time, each hidden by the one before."""
         claimed = self.seen.against(self.prior.claimed)
         allowed = claimed
         doubts: tuple[Believed, ...] = ()
