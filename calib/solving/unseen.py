@@ -8,6 +8,8 @@ and goes in small steps, and nothing is lost with it.
 """
 
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -51,10 +53,8 @@ class Unseen:
 
 @dataclass(frozen=True)
 class _Runs:
-    """Equal pixels in consecutive frames. first, last: (R,) frames; rows: by run, in time order; value: (R,) which."""
+    """Equal pixels in consecutive frames. rows: by run, in time order; value: (R,) which, ascending."""
 
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
     rows: list[NDArray[np.int64]]
     value: NDArray[np.int64]
 
@@ -85,15 +85,14 @@ def _runs(frame: NDArray[np.int64], value: NDArray[np.int64], least: int) -> _Ru
     order = np.lexsort((frame, value))
     apart = (np.diff(value[order]) != 0) | (np.diff(frame[order]) > BRIDGED_FRAMES)
     rows = [run for run in np.split(order, np.flatnonzero(apart) + 1) if len(run) >= least]
-    first, last = (np.array([frame[run[k]] for run in rows], np.int64) for k in (0, -1))
-    return _Runs(first, last, rows, np.array([value[run[0]] for run in rows], np.int64))
+    return _Runs(rows, np.array([value[run[0]] for run in rows], np.int64))
 
 
 def _constants(picture: "_Picture", runs: _Runs, none: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) rows with a pixel that was jumped to and from."""
     constant = none.copy()
-    for value in np.unique(runs.value):
-        own = [run for run, which in zip(runs.rows, runs.value, strict=True) if which == value]
+    for _, alike in groupby(zip(runs.value.tolist(), runs.rows, strict=True), key=itemgetter(0)):
+        own = [rows for _, rows in alike]
         if sum(map(len, own)) < FEWEST_CONSTANT:
             continue
         jumps = [jump for run in own for jump in picture.jumps(run) if jump is not None]
