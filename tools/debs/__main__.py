@@ -14,7 +14,7 @@ from edge import __version__
 from tools import bundle
 from tools.bundle import ROOT, this_machine
 from tools.debs import tree
-from tools.debs.package import SCRIPTS, Package, build, copy, documents, scripts
+from tools.debs.package import COMPRESSED, SCRIPTS, Package, build, copy, documents, scripts
 
 ARCHITECTURES: Final = {"x86_64": "amd64", "aarch64": "arm64"}
 WHAT: Final = {"edge": "camera box", "base": "base station", "router": "site router"}
@@ -22,13 +22,13 @@ QUESTIONS: Final = {"edge": "site camera base", "base": "site", "router": "site"
 COMMON: Final = Package(
     "skyfix-common",
     "all",
-    "python3 (>= 3.11), init-system-helpers, systemd (>= 250)",
+    "python3 (>= 3.11), init-system-helpers (>= 1.54), systemd (>= 250)",
     "user, device names and templates of Skyfix",
     "This package has what its roles share.",
 )
 LEANS_ON: Final = (
     f"skyfix-common (= {__version__}), python3 (>= 3.11), python3 (<< 3.12), debconf (>= 0.5) | debconf-2.0, "
-    "init-system-helpers, libc6 (>= 2.34), libstdc++6, libgcc-s1, zlib1g"
+    "init-system-helpers (>= 1.54), libc6 (>= 2.34), libstdc++6, libgcc-s1, zlib1g"
 )
 
 
@@ -55,15 +55,15 @@ def _unit(root: Path, name: str, home: str) -> None:
     file.write_text(text)
 
 
-def _common(temporary: Path, to: Path) -> Path:
+def _common(temporary: Path, to: Path, compressed: str) -> Path:
     root = temporary / COMMON.name
     common(root)
     documents(root, COMMON.name, "common")
     scripts(root, "common", {})
-    return build(root, to, COMMON)
+    return build(root, to, COMMON, compressed)
 
 
-def _role(temporary: Path, to: Path, role: Role, wheel: Path, machine: str) -> Path:
+def _role(temporary: Path, to: Path, role: Role, wheel: Path, machine: str, *, compressed: str) -> Path:
     name, what = tree.PACKAGES[role.name], WHAT[role.name]
     root = temporary / name
     tree.lay(root, role, wheel, wheel.parent, machine)
@@ -76,18 +76,19 @@ def _role(temporary: Path, to: Path, role: Role, wheel: Path, machine: str) -> P
     words = {"PACKAGE": name, "ROLE": role.name, "UNIT": role.unit, "QUESTIONS": QUESTIONS[role.name]}
     scripts(root, "role", words)
     shutil.copyfile(SCRIPTS / f"{name.removeprefix('skyfix-')}.templates", root / "DEBIAN/templates")
-    return build(root, to, Package(name, ARCHITECTURES[machine], LEANS_ON, f"{what} of Skyfix", f"This is the {what}."))
+    package = Package(name, ARCHITECTURES[machine], LEANS_ON, f"{what} of Skyfix", f"This is the {what}.")
+    return build(root, to, package, compressed)
 
 
-def all_of(to: Path, machine: str) -> Iterator[Path]:
+def all_of(to: Path, machine: str, compressed: str = COMPRESSED) -> Iterator[Path]:
     """Each package, built."""
     with tempfile.TemporaryDirectory() as folder:
         temporary = Path(folder)
         (temporary / "wheels").mkdir()
         wheel = bundle.build_wheel(temporary / "wheels")
-        yield _common(temporary, to)
+        yield _common(temporary, to, compressed)
         for role in tree.roles():
-            yield _role(temporary, to, role, wheel, machine)
+            yield _role(temporary, to, role, wheel, machine, compressed=compressed)
 
 
 def main() -> int:

@@ -4,6 +4,7 @@ import gzip
 import shutil
 import subprocess
 from dataclasses import dataclass
+from email.utils import formatdate
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +13,14 @@ from tools.bundle import ROOT
 
 SCRIPTS: Final = ROOT / "deploy/debian"
 MAINTAINER: Final = "Skyfix <skyfix@localhost>"
+COMPRESSED: Final = "xz"  # what every Debian's tools read; lintian of Debian 12 knows no zstd
+NEWS: Final = """\
+{name} ({version}) unstable; urgency=medium
+
+  * What changed is told in skyfix-common's CHANGELOG.md.gz.
+
+ -- {maintainer}  {date}
+"""
 LONG: Final = """\
  A few ordinary cameras on tripods find a flying object that nobody cooperates
  with, and say in WGS 84 where it is: live, with a true uncertainty, as MAVLink.
@@ -56,11 +65,24 @@ def documents(root: Path, name: str, kind: str) -> None:
     folder = root / "usr/share/doc" / name
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "copyright").write_text(COPYRIGHT)
-    with gzip.GzipFile(folder / "changelog.gz", "wb", 9, mtime=0) as file:
-        file.write((ROOT / "CHANGELOG.md").read_bytes())
+    news = NEWS.format(name=name, version=__version__, maintainer=MAINTAINER, date=formatdate(_committed_s()))
+    _zip(folder / "changelog.gz", news.encode())
+    if kind == "common":
+        _zip(folder / "CHANGELOG.md.gz", (ROOT / "CHANGELOG.md").read_bytes())
     target = root / "usr/share/lintian/overrides" / name
     target.parent.mkdir(parents=True)
     target.write_text((SCRIPTS / f"{kind}.overrides").read_text().replace("@PACKAGE@", name))
+
+
+def _committed_s() -> int:
+    """When the checkout's last commit was made: the same checkout gives the same bytes."""
+    words = ["git", "-C", str(ROOT), "log", "-1", "--format=%ct"]
+    return int(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+
+
+def _zip(target: Path, content: bytes) -> None:
+    with gzip.GzipFile(target, "wb", 9, mtime=0) as file:
+        file.write(content)
 
 
 def scripts(root: Path, kind: str, words: dict[str, str]) -> None:
@@ -78,8 +100,8 @@ def scripts(root: Path, kind: str, words: dict[str, str]) -> None:
         (folder / name).chmod(0o755)
 
 
-def build(root: Path, to: Path, package: Package) -> Path:
-    """The .deb, in a folder."""
+def build(root: Path, to: Path, package: Package, compressed: str = COMPRESSED) -> Path:
+    """The .deb, in a folder. compressed: as dpkg-deb's -Z; "none" is quick."""
     own = root / "DEBIAN"
     files = sorted(path for path in root.rglob("*") if path.is_file() and not path.is_symlink())
     files = [path for path in files if not path.is_relative_to(own)]
@@ -93,7 +115,8 @@ def build(root: Path, to: Path, package: Package) -> Path:
             path.chmod(0o755)
     to.mkdir(exist_ok=True)
     archive = to / f"{package.name}_{__version__}_{package.architecture}.deb"
-    subprocess.run(["dpkg-deb", "--root-owner-group", "-Zzstd", "-z9", "--build", str(root), str(archive)], check=True)
+    words = ["dpkg-deb", "--root-owner-group", f"-Z{compressed}", "--build", str(root), str(archive)]
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
     return archive
 
 

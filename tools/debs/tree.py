@@ -1,6 +1,7 @@
 """A package's environment: the wheels of its role, laid where apt will put them, without running anything of them."""
 
 import compileall
+import os
 import py_compile
 import shutil
 import subprocess
@@ -40,7 +41,7 @@ def lay(root: Path, role: Role, wheel: Path, wheels: Path, machine: str) -> None
     _install(packages, wheel, wheels, role, machine)
     (folder / "bin").mkdir()
     for name in ("python", "python3", f"python{PYTHON}"):
-        (folder / "bin" / name).symlink_to(INTERPRETER)
+        (folder / "bin" / name).symlink_to(os.path.relpath(INTERPRETER, f"{home(role)}/bin"))
     (folder / "pyvenv.cfg").write_text(f"home = /usr/bin\ninclude-system-site-packages = false\nversion = {PYTHON}\n")
     for name in PROGRAMS:
         module = {"edge-node": "edge.app", "base-station": "calib.station.app"}[name]
