@@ -10,7 +10,6 @@ The score of a hypothesis is what it takes off the sum of squares (Rao 1948, Wil
 likelihood ratio), in closed form from normal equations: nothing is fitted again for each.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -18,12 +17,12 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.guarding.evidence import FAULT_SIZE, UNKNOWNS, ObjectEvidence
+from calib.guarding.evidence import FAULT_SIZE
 from calib.guarding.memory import Slice
+from calib.guarding.sums import Sums, summed
 from calib.guarding.wander import ClockEstimate
 from calib.network import POSE_SIZE
 from edge.common.arrays import Array
-from edge.common.units import NS
 
 TURN_SIGMA_RAD: Final = 0.035  # 2 degrees, one sigma of what a knock turns a camera by
 STEP_SIGMA_S: Final = 0.3  # one sigma of what a clock steps by
@@ -38,8 +37,6 @@ WITNESSES: Final = 3  # other cameras that agree about one object
 SUPPORTED: Final = 0.5  # share of a window's slices in which they do
 UNEXPLAINED: Final = 0.15  # of what is explained: more left over, and it is not the cause, or not yet the whole of it
 FREEDOM_SIGMA: Final = 4.0  # and what chance leaves over
-DRIFTS_PER_S: Final = 0.3  # of its offset a box drifts a second: an object that turns shows another end
-STRETCH_NS: Final = 3_000_000_000  # of flight, in which that drift is as good as straight
 LEAST_PX: Final = 1.5  # less moves a target by less than its sigma
 LEAST_STEP_S: Final = 0.008
 OF_TURN: Final = np.arange(3)
@@ -87,7 +84,8 @@ class GuardVerdict:
     """The strongest contradiction, whether it is one beyond doubt (astray), whether its camera may be named, and over
     how many slices it was found. clocks: if nothing happened.
 
-    turned_rad, stepped_rad: by how much the camera's rays are off by the turn, or by the step.
+    turned_rad, stepped_rad: by how much the camera's rays are off by the turn, or by the step. changed: since the first
+    of the slices, by what was before; else for as long as is looked back. left_over: of all squares, unexplained.
     """
 
     worst: Contradiction
@@ -97,6 +95,13 @@ class GuardVerdict:
     turned_rad: float
     stepped_rad: float
     clocks: ClockEstimate
+    changed: bool
+    left_over: float
+
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """By which the best explanation is chosen: of those with a beginning the one that leaves least unexplained."""
+        return self.named, self.changed, -self.left_over if self.changed else self.worst.score / self.slices
 
 
 @dataclass(frozen=True)
@@ -112,84 +117,14 @@ class ExpectedErrors:
     bound_s: Array
 
 
-@dataclass(frozen=True)
-class Sums:
-    """Normal equations of pose and clock of all cameras, boxes' offsets taken out: (7 C, 7 C), (7 C,).
-
-    squares: the sum of squares they can explain, of so many degrees of freedom.
-    """
-
-    normal: Array
-    right: Array
-    squares: float
-    freedom: int
-
-
-def summed(slices: Sequence[Slice], cameras: int) -> Sums:
-    """All slices of a window."""
-    size = cameras * FAULT_SIZE
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    squares, freedom = 0.0, 0
-    for found in _by_object(slices).values():
-        one = _without_offsets(found, cameras)
-        normal += one.normal
-        right += one.right
-        squares += one.squares
-        freedom += one.freedom
-    return Sums(normal, right, squares, freedom)
-
-
-def _by_object(slices: Sequence[Slice]) -> dict[tuple[int, int], list[tuple[float, ObjectEvidence]]]:
-    """Each object's evidence of each stretch, with seconds from the stretch's middle."""
-    found: defaultdict[tuple[int, int], list[tuple[float, ObjectEvidence]]] = defaultdict(list)
-    for one in slices:
-        ago_ns = slices[-1].t_unix_ns - one.t_unix_ns
-        for number, of_object in one.objects:
-            after_ns = STRETCH_NS // 2 - ago_ns % STRETCH_NS
-            found[number, ago_ns // STRETCH_NS].append((after_ns / NS, of_object))
-    return found
-
-
-def _without_offsets(found: Sequence[tuple[float, ObjectEvidence]], cameras: int) -> Sums:
-    """One object's slices, its offsets in the images and how they drift eliminated, each with its prior."""
-    shape = (cameras, UNKNOWNS)
-    moments = [np.zeros((*shape, *shape)) for _ in range(3)]  # weighed by 1, t and t^2
-    rights = [np.zeros(shape) for _ in range(2)]
-    lasting = np.ones(cameras)
-    for t_s, one in found:
-        at = one.cameras
-        blocks = one.normal.transpose(0, 2, 1, 3)
-        for power, moment in enumerate(moments):
-            moment[at[:, None], :, at[None], :] += blocks * t_s**power
-        for power, right in enumerate(rights):
-            right[at] += one.right * t_s**power
-        lasting[at] = one.lasting_px
-    size, count = cameras * FAULT_SIZE, 2 * cameras
-    kept, gone = slice(0, FAULT_SIZE), slice(FAULT_SIZE, UNKNOWNS)
-    inner = [moment[:, gone][:, :, :, gone].reshape(count, count) for moment in moments]
-    offsets = np.block([[inner[0], inner[1]], [inner[1], inner[2]]])
-    sigma = np.repeat(lasting, 2)
-    diagonal = np.arange(2 * count)
-    offsets[diagonal, diagonal] += np.concatenate([sigma, sigma * DRIFTS_PER_S]) ** -2.0
-    cross = np.vstack([moment[:, gone][:, :, :, kept].reshape(count, size) for moment in moments[:2]])
-    beside = np.concatenate([right[:, gone].ravel() for right in rights])
-    solved = np.linalg.solve(offsets, np.column_stack([cross, beside]))
-    return Sums(
-        moments[0][:, kept][:, :, :, kept].reshape(size, size) - cross.T @ solved[:, :-1],
-        rights[0][:, kept].ravel() - cross.T @ solved[:, -1],
-        sum(one.squares for _, one in found) - float(beside @ solved[:, -1]),
-        sum(one.freedom for _, one in found),
-    )
-
-
 def contradictions(sums: Sums, expected: ExpectedErrors) -> Ranking:
     """What each camera's change would explain."""
     posterior = np.linalg.inv(sums.normal + expected.inverse)
     right = sums.right - sums.normal @ expected.mean
     squares = sums.squares - 2 * float(expected.mean @ sums.right) + float(expected.mean @ sums.normal @ expected.mean)
-    back = sums.normal @ posterior
-    left = sums.normal - back @ sums.normal
-    pull = right - back @ right
+    back = sums.cross.T @ posterior
+    left = sums.change - back @ sums.cross
+    pull = sums.right_change - sums.cross.T @ expected.mean - back @ right
     found = [_contradiction(k, left, pull, float(expected.bound_s[k])) for k in range(len(expected.focal_px))]
     unexplained = squares - float(right @ posterior @ right) - sums.freedom
     of_clocks = np.arange(len(found)) * FAULT_SIZE + OF_STEP
@@ -214,20 +149,37 @@ def _fit(left: Array, pull: Array, at: NDArray[np.intp], sigma: float) -> tuple[
     return value, float(value @ pull[at]), cost
 
 
-def judge(slices: Sequence[Slice], expected: ExpectedErrors) -> GuardVerdict:
-    """Whether a window's rays contradict each other, and whether one camera may be named for it."""
-    ranking = contradictions(summed(slices, len(expected.focal_px)), expected)
+def judge(slices: Sequence[Slice], sums: Sums, expected: ExpectedErrors, before: Sums | None = None) -> GuardVerdict:
+    """Whether rays contradict each other, and whether one camera may be named for it. slices: those it would be in.
+
+    before: what was seen until then by itself, if the sums hold it too. What is left over is asked of the slices alone:
+    among all that went well before, a slice that nothing explains would not be noticed.
+    """
+    ranking = contradictions(sums, expected)
+    unexplained, freedom = ranking.unexplained, ranking.freedom
+    if before is not None:
+        unexplained, freedom = unexplained - contradictions(before, expected).unexplained, freedom - before.freedom
     worst, second = ranking.found[:2]
     turned_px, stepped_px = _moved_px(slices, worst)
     by_turn = worst.by_turn >= ASTRAY and turned_px > LEAST_PX
     by_step = worst.by_step >= ASTRAY and stepped_px > LEAST_PX and abs(worst.step_s) > LEAST_STEP_S
     clear = worst.score - second.score > max(NAMING_MARGIN, NAMING_MARGIN_SHARE * worst.score)
-    over = ranking.unexplained - worst.score
-    fits = over < UNEXPLAINED * worst.score + FREEDOM_SIGMA * np.sqrt(2.0 * ranking.freedom)
+    over = unexplained - worst.score
+    fits = over < UNEXPLAINED * worst.score + FREEDOM_SIGMA * np.sqrt(2.0 * freedom)
     astray = by_turn or by_step
     named = astray and clear and bool(fits) and _has_witnesses(slices, worst.camera)
     focal_px = float(expected.focal_px[worst.camera])
-    return GuardVerdict(worst, astray, named, len(slices), turned_px / focal_px, stepped_px / focal_px, ranking.clocks)
+    return GuardVerdict(
+        worst,
+        astray,
+        named,
+        len(slices),
+        turned_px / focal_px,
+        stepped_px / focal_px,
+        ranking.clocks,
+        before is not None,
+        ranking.unexplained - worst.score,
+    )
 
 
 def _moved_px(slices: Sequence[Slice], found: Contradiction) -> tuple[float, float]:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calib.guarding.looks import CameraLook
+from calib.guarding.looks import INSTANTS_APART_S, CameraLook
 from calib.guarding.objects import SeenObject
 from calib.network import POSE_SIZE
 from edge.common.arrays import Array
@@ -67,7 +68,7 @@ def evidence(looks: Sequence[CameraLook], seen: SeenObject) -> ObjectEvidence:
         if touch < TOUCHES:
             points = points + _step(by_point, off, weight * agree[:, None])
     by_pose = np.array([s.by_pose for s in sightings])
-    velocity = np.array([one.velocity_px_s[track] for one, track in zip(own, tracks, strict=True)])
+    velocity = _velocity_px_s(np.array([s.pixels for s in sightings]), known)
     left = _without_points(by_point, weight)
     normal, right, squares = _reduced(left, _design(by_pose, velocity), off)
     by_turn = by_pose[..., :3]
@@ -90,6 +91,17 @@ def evidence(looks: Sequence[CameraLook], seen: SeenObject) -> ObjectEvidence:
         np.linalg.norm(velocity, axis=1),
         spread,
     )
+
+
+def _velocity_px_s(seen: Array, known: NDArray[np.bool_]) -> Array:
+    """(C, 2) by the points as they should be seen (C, S, 2): a camera's own rows jump when it is knocked."""
+    weight = (known.sum(axis=0) > 1).astype(float)
+    if weight.sum() < 2:
+        return np.zeros((len(seen), 2))
+    t_s = INSTANTS_APART_S * np.arange(seen.shape[1])
+    t_s -= np.average(t_s, weights=weight)
+    velocity: Array = np.einsum("s,csi->ci", weight * t_s, seen) / float(weight @ t_s**2)
+    return velocity
 
 
 def _weights(off: Array, known: Array, noise: Array) -> Array:

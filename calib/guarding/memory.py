@@ -19,10 +19,11 @@ class Slice:
 
 
 class EvidenceMemory:
-    """Slices, newest last, no older than the longest window."""
+    """Slices, newest last: those of the longest window, and the older ones that they are compared with."""
 
-    def __init__(self, longest_ns: int) -> None:
+    def __init__(self, longest_ns: int, older_ns: int = 0) -> None:
         self._longest_ns = longest_ns
+        self._older_ns = older_ns
         self._slices: deque[Slice] = deque()
         self._number: dict[tuple[int, int], int] = {}
         self._next = 0
@@ -33,14 +34,15 @@ class EvidenceMemory:
         self._number.clear()
 
     def add(self, t_unix_ns: int, found: list[ObjectEvidence]) -> list[Slice]:
-        """Take a slice; returns those that have become too old."""
+        """Take a slice; returns those that the longest window no longer holds."""
         numbered = tuple((self._number_of(one), one) for one in found)
         self._number = {key: number for number, one in numbered for key in one.keys}
+        last_ns = self._slices[-1].t_unix_ns if self._slices else t_unix_ns
         self._slices.append(Slice(t_unix_ns, numbered))
-        gone = []
-        while self._slices[0].t_unix_ns <= t_unix_ns - self._longest_ns:
-            gone.append(self._slices.popleft())
-        return gone
+        while self._slices[0].t_unix_ns <= t_unix_ns - self._longest_ns - self._older_ns:
+            self._slices.popleft()
+        begin_ns, began_ns = t_unix_ns - self._longest_ns, last_ns - self._longest_ns
+        return [one for one in self._slices if began_ns < one.t_unix_ns <= begin_ns]
 
     def _number_of(self, found: ObjectEvidence) -> int:
         votes = Counter(self._number[key] for key in found.keys if key in self._number)
@@ -52,3 +54,7 @@ class EvidenceMemory:
     def since(self, t_unix_ns: int) -> list[Slice]:
         """Slices with anything in them that ended after an instant, newest last."""
         return [one for one in self._slices if one.t_unix_ns > t_unix_ns and one.objects]
+
+    def until(self, t_unix_ns: int) -> list[Slice]:
+        """The others, that ended before or then."""
+        return [one for one in self._slices if one.t_unix_ns <= t_unix_ns and one.objects]

@@ -22,6 +22,7 @@ from calib.guarding.meetings import meetings
 from calib.guarding.memory import EvidenceMemory, Slice
 from calib.guarding.objects import Grouping
 from calib.guarding.raytracks import RayTracks
+from calib.guarding.sums import Remembered, summed
 from calib.guarding.wander import ClockEstimate, ClockWander
 from calib.network import POSE_SIZE, Network
 from calib.observations import Frame
@@ -34,6 +35,9 @@ DONE: Final = object()  # what a round that is over gives
 WATCHED_NS: Final = 1_000_000_000  # of rays looked at: longer, and an old pose speaks with the new
 WAITED_NS: Final = 1_000_000_000  # for the slowest camera; one that is farther behind is not compared
 WINDOWS_NS: Final = (1_000_000_000, 2_000_000_000, 4_000_000_000, 6_000_000_000)  # evidence looked back on
+CHANGES_NS: Final = tuple(SLICE_NS * n for n in (2, 3, 4, 5, 6, 8, 10, 12))  # ago: when something may have changed
+APART_NS: Final = SLICE_NS // 2  # before a change: the slice that ended then may be of both times
+BEFORE_NS: Final = 4_000_000_000  # of rays from before a change, that it is compared with
 FEWEST_SLICES: Final = 2
 NAMED_ROUNDS: Final = 2  # in a row that name the same camera, before it is named
 UNNAMED_ROUNDS: Final = 3  # in a row that contradict, where no camera can be named
@@ -72,7 +76,7 @@ class Guard:
         self._ignored: set[str] = set()
         self._views: dict[str, CameraView] = {}
         self._covariance: Array = np.empty((0, 0))
-        self._memory = EvidenceMemory(WINDOWS_NS[-1])
+        self._memory = EvidenceMemory(WINDOWS_NS[-1], BEFORE_NS)
         self._share = BoxShare()
         self._turn = 0
         self._round: Iterator[None] | None = None  # under way, a piece at a time
@@ -241,14 +245,25 @@ class Guard:
             slices = self._memory.since(end_ns - window_ns)
             if len(slices) < FEWEST_SLICES:
                 continue
-            verdict = judge(slices, expected)
+            verdict = judge(slices, summed(slices, len(network.cameras)), expected)
             if verdict.astray:
                 verdicts.append((verdict, slices))
             yield
         if verdict is None:
             return
+        remembered = Remembered(self._memory.since(0), len(network.cameras))
+        yield from remembered.prepare()
+        for ago_ns in CHANGES_NS:
+            then_ns = end_ns - ago_ns
+            slices = self._memory.since(then_ns)
+            if min(len(slices), len(self._memory.until(then_ns - APART_NS))) < FEWEST_SLICES:
+                continue
+            changed = judge(slices, remembered.since(then_ns, APART_NS), expected, remembered.until(then_ns - APART_NS))
+            if changed.astray:
+                verdicts.append((changed, slices))
+            yield
         if verdicts:
-            verdict, slices = max(verdicts, key=lambda entry: (entry[0].named, entry[0].worst.score / entry[0].slices))
+            verdict, slices = max(verdicts, key=lambda entry: entry[0].rank)
             self._suspect(network, verdict, slices)
             return
         self._suspected.clear()

@@ -11,12 +11,12 @@ from calib.guarding.diagnosis import (
     TURN_SIGMA_RAD,
     Contradiction,
     ExpectedErrors,
-    Sums,
     contradictions,
     judge,
 )
 from calib.guarding.evidence import FAULT_SIZE
 from calib.guarding.memory import EvidenceMemory
+from calib.guarding.sums import Sums, summed
 from calib.network import POSE_SIZE
 from tests.calib.guarding.slices import expected_of, slices_of
 from tools.doubles.faults import CameraFault, faulty_frames
@@ -30,7 +30,12 @@ def random_sums(rng: np.random.Generator) -> tuple[Sums, np.ndarray, np.ndarray]
     """Normal equations of random rows, and the rows."""
     design = rng.normal(size=(80, CAMERAS * FAULT_SIZE))
     off = rng.normal(size=80)
-    return Sums(design.T @ design, design.T @ off, float(off @ off), 80), design, off
+    return always(design.T @ design, design.T @ off, float(off @ off)), design, off
+
+
+def always(normal: np.ndarray, right: np.ndarray, squares: float) -> Sums:
+    """Of a change with nothing from before it."""
+    return Sums(normal, normal, normal, right, right, squares, 80)
 
 
 def test_a_score_is_what_a_fit_with_that_change_takes_off_the_sum_of_squares() -> None:
@@ -67,7 +72,7 @@ def test_clocks_are_held_against_where_they_are_expected() -> None:
     sums, _, _ = random_sums(np.random.default_rng(8))
     size = CAMERAS * FAULT_SIZE
     mean = np.random.default_rng(9).normal(size=size)
-    moved = Sums(sums.normal, sums.right + sums.normal @ mean, sums.squares, sums.freedom)
+    moved = always(sums.normal, sums.right + sums.normal @ mean, sums.squares)
     focal, bound = np.full(CAMERAS, 1000.0), np.full(CAMERAS, np.inf)
     plain = contradictions(sums, ExpectedErrors(np.zeros(size), np.eye(size), focal, bound))
     about = contradictions(moved, ExpectedErrors(mean, np.eye(size), focal, bound))
@@ -76,7 +81,8 @@ def test_clocks_are_held_against_where_they_are_expected() -> None:
 
 def verdict_of(scene: Scene, fault: CameraFault | None, bound_s: float | None = 0.001):  # type: ignore[no-untyped-def]
     stream = frames(scene) if fault is None else faulty_frames(scene, fault, 0.0)
-    return judge(slices_of(scene, stream), expected_of(scene, bound_s))
+    slices = slices_of(scene, stream)
+    return judge(slices, summed(slices, scene.spec.cameras), expected_of(scene, bound_s))
 
 
 def test_noise_and_what_the_network_itself_does_not_know_is_no_fault() -> None:
