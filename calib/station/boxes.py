@@ -12,15 +12,17 @@ import msgspec
 
 from calib.station.archive.backfill import Backfill
 from calib.station.core.intake import CameraIntake
+from calib.station.router_watch import RouterWatch
 from edge.common.health import Check
 from edge.link.health import LinkHealth
 from edge.link.inbox import Presence, Received
 from edge.link.link import Link
 from edge.link.security import Bearer
 from edge.link.settings import LinkSettings
-from edge.messages import camera_key, station_key
+from edge.messages import camera_key, site_key, station_key
 
 QUEUE: Final = 4096  # messages waiting: more than a second of 100 cameras
+ROUTER_QUEUE: Final = 8  # of the router's health: the newest counts
 NEWEST_TOPICS: Final = ("lens", "fix", "health")  # topics of which the newest is kept for whoever comes later
 LATE_A_TURN: Final = 20  # rows of history taken between two looks at what is live
 
@@ -34,6 +36,7 @@ class Boxes:
         self._health = stack.enter_context(LinkHealth(self.link, Bearer(site, "station")))
         self._tracks = self.link.subscribe(camera_key(site, "*", "tracks"), QUEUE)
         self._states = [self.link.watch_state(camera_key(site, "*", topic)) for topic in NEWEST_TOPICS]
+        self._router = RouterWatch(self.link.subscribe(site_key(site, "router/health"), ROUTER_QUEUE))
         self._presence = self.link.watch_presence(camera_key(site, "*"))
         self._backfill = stack.enter_context(Backfill(self.link, site, ledger))
         self.link.declare_presence(station_key(site))
@@ -75,8 +78,8 @@ class Boxes:
             self.link.publish_bytes(key, payload)
 
     def checks(self) -> list[Check]:
-        """How the link is."""
-        return self._health.checks(who="the router")
+        """How the link is, and how the router says that it is."""
+        return [*self._health.checks(who="the router"), *self._router.checks()]
 
     @property
     def counters(self) -> dict[str, float]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 
+from calib.station.router_watch import RouterWatch
 from edge.link.link import Link
 from edge.link.settings import LinkSettings, TlsSettings
 from edge.messages import Targets, Tracks, camera_key, site_key, station_key
@@ -112,6 +113,16 @@ def test_targets_reach_the_headquarters_and_tracks_do_not(federation: Federation
         assert {item.key for item in heard.drain()} == {camera_key("hill", "cam0", "tracks")}
         assert {item.key for item in shown.drain()} == {station_key("hill", "targets")}
         assert [item.key for item in present.drain()] == [station_key("hill")]
+
+
+def test_the_base_shows_what_its_router_says_of_itself(federation: Federation) -> None:
+    with federation.link("hill-base", federation.hill) as base:
+        watch = RouterWatch(base.subscribe(site_key("hill", "router/health"), 8))
+        deadline = time.monotonic() + 20
+        while not (found := watch.checks()) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert [check.name for check in found] == ["router"]
+        assert "cannot be read" not in found[0].reason
 
 
 def test_a_killed_router_is_back_within_seconds(federation: Federation) -> None:
