@@ -28,6 +28,9 @@ DROPPED: Final = (
     "fontTools/[!_am]*",
     "fontTools/merge",
     "fontTools/misc/*.so",
+    # pictures of a format that nobody here reads or writes; Pillow does without: 5 MB
+    "PIL/_avif*",
+    "pillow.libs/libavif*",
     # the generator of dialects needs it: 12 MB
     "lxml",
     # a second implementation of the same, for PyPy: 12 MB

@@ -8,6 +8,7 @@ import pytest
 from deploy.installer.telling import RefusedError
 from deploy.installer.words import parse
 from tests.places import DEPLOY, ROOT
+from tools.rehearsal.pages import TYPED, UNTYPED, bare, line, lines
 
 PAGES = [ROOT / "README.md", *DEPLOY.rglob("*.md")]
 LINES = sorted(
@@ -32,3 +33,15 @@ def test_it_is_understood(line: str) -> None:
 def test_what_can_be_no_name_or_address_is_refused(words: str) -> None:
     with pytest.raises(RefusedError):
         parse(shlex.split(words))
+
+
+@pytest.mark.parametrize("page", TYPED)
+def test_every_line_for_a_machine_is_typed_in_one_or_is_named_with_the_reason(page: str) -> None:
+    """What types them is tests/machine/test_typed.py."""
+    typed = {bare(line(page, words)) for words in TYPED[page]}
+    assert {bare(each) for each in lines(page)} - typed - UNTYPED.keys() == set()
+
+
+def test_what_two_pages_say_of_the_installation_is_the_same() -> None:
+    for words in TYPED["README.md"]:
+        assert bare(line("README.md", words)) == bare(line("deploy/README.md", words))

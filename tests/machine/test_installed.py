@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from tools import bundle
 from tools.rehearsal import debian
 from tools.rehearsal.life import ASKED, Life, lived
 from tools.rehearsal.machine import CannotBoot
@@ -17,15 +16,10 @@ pytestmark = pytest.mark.program("systemd-nspawn", "mmdebstrap", "setpriv", "nse
 
 
 @pytest.fixture(scope="module")
-def life(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Life]:
+def life(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Life]:
     """The life; skipped, with the reason, where no machine can be booted."""
-    if reason := debian.missing():
-        pytest.skip(reason)
-    folder = tmp_path_factory.mktemp("bundles")
-    (folder / "built").mkdir()
-    bundle.lay_out(folder / "built", [bundle.this_machine()], [debian.PYTHON])
     try:
-        with lived(debian.make(), folder / "built", Path(folder)) as done:
+        with lived(debian.make(), built, tmp_path_factory.mktemp("bundles")) as done:
             yield done
     except CannotBoot as reason:
         pytest.skip(str(reason))

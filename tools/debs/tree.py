@@ -34,7 +34,9 @@ def home(role: Role) -> str:
 
 
 def lay(root: Path, role: Role, wheel: Path, wheels: Path, machine: str) -> None:
-    """The environment of a role below a package's root."""
+    """A role's environment below a package's root. Raises SystemExit under another Python than the packages'."""
+    if f"{sys.version_info.major}.{sys.version_info.minor}" != PYTHON:
+        raise SystemExit(f"packages for Debian 12 are built with its own Python: python{PYTHON} -m tools.debs")
     folder = root / home(role).lstrip("/")
     packages = folder / f"lib/python{PYTHON}/site-packages"
     _download(wheels, wheel, role, machine)

@@ -52,6 +52,18 @@ def variant(bundle: Path, to: Path, version: str, fault: str = "good", after_s: 
     return to
 
 
+def resummed(bundle: Path, to: Path, name: str, more: str) -> None:
+    """A copy of a bundle with more in one of its files, and the sums made anew, as whoever changes it would."""
+    shutil.copytree(bundle, to, copy_function=os.link)
+    text = (to / name).read_text() + more
+    (to / name).unlink()  # a link to the other's
+    (to / name).write_text(text)
+    sums = [line for line in (to / SUMS).read_text().splitlines() if not line.endswith(f"  {name}")]
+    sums.append(f"{hashlib.sha256(text.encode()).hexdigest()}  {name}")
+    (to / SUMS).unlink()
+    (to / SUMS).write_text("".join(f"{line}\n" for line in sums))
+
+
 def _renumber(tree: Path, version: str) -> None:
     package = tree / "edge/__init__.py"
     old = re.search(r'__version__ = "(.+)"', package.read_text())

@@ -32,7 +32,7 @@ def drawn(seed: int, count: int) -> Iterator[Step]:
     chance = random.Random(seed)
     good = [k for k in range(count) if k % 3 != 2]
     full, killed = chance.sample(good, 2)
-    faults = [*BROKEN, *chance.choices(BROKEN, k=count)]
+    faults = [*BROKEN, *chance.choices(BROKEN, k=max(0, count // 3 - len(BROKEN)))]  # each kind, if there is room
     chance.shuffle(faults)
     for k in range(count):
         kind = "full" if k == full else "killed" if k == killed else faults.pop() if k % 3 == 2 else "good"
