@@ -166,7 +166,7 @@ def judge(slices: Sequence[Slice], sums: Sums, expected: ExpectedErrors, before:
     clear = worst.score - second.score > max(NAMING_MARGIN, NAMING_MARGIN_SHARE * worst.score)
     over = unexplained - worst.score
     fits = over < UNEXPLAINED * worst.score + FREEDOM_SIGMA * np.sqrt(2.0 * freedom)
-    astray = by_turn or by_step
+    astray = (by_turn or by_step) and _lasts(slices, worst, len(expected.focal_px))
     named = astray and clear and bool(fits) and _has_witnesses(slices, worst.camera)
     focal_px = float(expected.focal_px[worst.camera])
     return GuardVerdict(
@@ -208,6 +208,11 @@ def _has_witnesses(slices: Sequence[Slice], camera: int) -> bool:
         for one in slices
     )
     return agreed >= SUPPORTED * len(slices)
+
+
+def _lasts(slices: Sequence[Slice], found: Contradiction, cameras: int) -> bool:
+    """Whether most slices speak of it: half a second of something else would stay in every window for seconds."""
+    return 2 * sum(supports(one, found, cameras) for one in slices) > len(slices)
 
 
 def supports(one: Slice, found: Contradiction, cameras: int) -> bool:

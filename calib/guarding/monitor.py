@@ -67,6 +67,14 @@ class Finding:
     miss_rad: float = 0.0
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """Rays contradict each other now: if it is this camera, by miss_rad. The best guess, and no more."""
+
+    camera: str
+    miss_rad: float
+
+
 class Guard:
     """Watches all cameras of the network in force; or says whether a stored network agrees with what is seen."""
 
@@ -85,6 +93,7 @@ class Guard:
         self._sliced_ns = 0
         self._wander = ClockWander()
         self._suspected: list[str | None] = []  # of the last rounds in a row that contradict: who, if anybody
+        self._doubt: Doubt | None = None
         self._found: list[Finding] = []
         self._frozen: dict[str, tuple[bytes, int, int]] = {}  # pixels, since, frames
         self._candidate: StoredTrial | None = None
@@ -123,9 +132,9 @@ class Guard:
         self._clock_bound_s[camera] = bound_s
 
     @property
-    def doubting(self) -> bool:
-        """Whether rays contradict each other now, though nothing has been found yet."""
-        return bool(self._suspected)
+    def doubt(self) -> Doubt | None:
+        """What is wrong if anything is, while rays contradict each other and nothing has been found yet."""
+        return self._doubt if self._suspected else None
 
     def observe(self, frame: Frame) -> None:
         """Take a frame of any camera."""
@@ -277,13 +286,14 @@ class Guard:
     def _suspect(self, network: Network, verdict: GuardVerdict, slices: list[Slice]) -> None:
         name = network.cameras[verdict.worst.camera].id if verdict.named else None
         self._suspected.append(name)
+        miss_rad = max(verdict.turned_rad, verdict.stepped_rad)
+        self._doubt = Doubt(network.cameras[verdict.worst.camera].id, miss_rad)
         named = name is not None and self._suspected[-NAMED_ROUNDS:] == [name] * NAMED_ROUNDS
         among = sorted({int(k) for one in slices for _, found in one.objects for k in found.cameras})
         rounds = UNNAMED_ROUNDS if len(among) < NAMEABLE else NAMEABLE_ROUNDS
         if not named and len(self._suspected) < rounds:
             return
         since_ns = self._since_ns(verdict.worst, len(network.cameras))
-        miss_rad = max(verdict.turned_rad, verdict.stepped_rad)
         if named:
             self._found = [Finding(name, _reason(verdict), since_ns, (), miss_rad)]
         else:

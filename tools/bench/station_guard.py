@@ -4,7 +4,9 @@
 (tools/doubles/guard_scenes.py) has one fault, or none, or a detector whose boxes are off by up to half their width.
 Printed are: innocent cameras named, right names and how soon, kinds of cause, alarms where nothing happened, and
 positions sent that are confidently wrong: farther from every true object than four times their own sigma. Delays are in
-seconds of flight that the camera and enough others saw, of a tilt since it has reached the least of knocks.
+seconds of flight that the camera and enough others saw, of a tilt since it has reached the least of knocks. A fault is
+detectable if it moves the camera's pixels, in the mean over the first five of those seconds, by more than DETECTABLE
+sigma of the mean of a second's rows, the calibration's own sigma of that camera included (guard_scenes.shift_sigma).
 """
 
 import argparse
@@ -23,13 +25,14 @@ from calib.station.core.station import Station
 from calib.station.core.stored_state import StoredState
 from tools.doubles.box_messages import SITE, state_messages, tracks_messages
 from tools.doubles.flight import ORIGIN, T0_UNIX_NS
-from tools.doubles.guard_scenes import EVENT_S, QUIET, GuardScene, draw, visible_s
+from tools.doubles.guard_scenes import EVENT_S, QUIET, GuardScene, draw, shift_sigma, visible_s
 
 WRONG_SIGMA: Final = 4.0  # of a position's own 3D sigma: farther off it is confidently wrong
 SOON_S: Final = 5.0  # of flight that the camera and enough others see
 NAMEABLE: Final = 4  # cameras
 CAUSES: Final = {"knock": "it was knocked", "tilt": "it was knocked", "clock": "its clock has stepped"}
 EITHER: Final = "it was knocked, or its clock has stepped"
+DETECTABLE: Final = 5.5  # sigma: what the guard itself asks of a contradiction, the root of its ASTRAY
 SETTLED_S: Final = 2.0  # after the start, before positions are looked at
 
 
@@ -43,6 +46,7 @@ class Outcome:
     said: list[tuple[float, str, str]] = field(default_factory=list)  # s, camera or "", reason
     delay_s: float | None = None  # until the right camera was named, or positions were held back
     visible_s: float = 0.0
+    shift_sigma: float = 0.0  # by how many sigma the fault moves the victim's pixels
     innocent: int = 0
     right: bool = False
     cause: str = ""  # right, wrong, either
@@ -52,6 +56,11 @@ class Outcome:
     wrong_late: int = 0
     worst: float = 0.0
     cpu_s: float = 0.0
+
+    @property
+    def soon(self) -> bool:
+        """Whether the right camera was named in time."""
+        return self.right and self.delay_s is not None and self.delay_s <= SOON_S
 
 
 def run(number: int, cameras: tuple[int, ...]) -> Outcome:
@@ -64,6 +73,7 @@ def run(number: int, cameras: tuple[int, ...]) -> Outcome:
         station.handle(message.key, message.payload, message.arrival_ns)
     station.adopt(drawn.scene.network)
     visible = visible_s(drawn)
+    out.shift_sigma = 0.0 if drawn.kind in QUIET else shift_sigma(drawn)
     out.visible_s = visible(T0_UNIX_NS + round(drawn.scene.spec.duration_s * 1e9))
     for message in tracks_messages(drawn.scene, drawn.stream(), clock_bound_s=drawn.bound_s):
         targets = station.handle(message.key, message.payload, message.arrival_ns)
@@ -128,7 +138,7 @@ def report(outcomes: Iterable[Outcome]) -> None:
     seen = [one for one in faulty if one.visible_s >= SOON_S]
     four = [one for one in seen if one.cameras >= NAMEABLE]
     three = [one for one in seen if one.cameras < NAMEABLE]
-    soon = sum(one.right and one.delay_s is not None and one.delay_s <= SOON_S for one in four)
+    soon = sum(one.soon for one in four)
     held = [one.delay_s for one in three if one.delay_s is not None]
     print(
         f"scenes {len(every)}: {len(quiet)} with no fault, {len(faulty)} with one, of which {len(seen)} visible for 5 s"
@@ -136,15 +146,21 @@ def report(outcomes: Iterable[Outcome]) -> None:
     print(f"innocent cameras named: {sum(one.innocent for one in every)}")
     print(f"alarms in scenes with no fault: {sum(bool(one.said) for one in quiet)}")
     print(f"four cameras and more: right camera within 5 s {soon} of {len(four)}, ever {sum(o.right for o in four)}")
+    clear = [one for one in four if one.shift_sigma > DETECTABLE]
+    print(f"    of those detectable, more than {DETECTABLE:g} sigma: {sum(one.soon for one in clear)} of {len(clear)}")
     for kind in CAUSES:
         own = [one for one in four if one.kind == kind]
-        in_time = sum(one.right and one.delay_s is not None and one.delay_s <= SOON_S for one in own)
+        in_time = sum(one.soon for one in own)
         delays = sorted(one.delay_s for one in own if one.right and one.delay_s is not None)
         median = f", median {np.median(delays):.1f} s" if delays else ""
         print(f"    {kind}: {in_time} of {len(own)}{median}; cause {dict(Counter(o.cause for o in own if o.right))}")
     named = sum(any(camera for _, camera, _ in one.said) for one in three)
     late = sum(delay > SOON_S for delay in held)
-    print(f"three cameras: named {named}, held back {len(held)} of {len(three)}, {late} of them later than 5 s")
+    hard = sum(one.delay_s is None and one.shift_sigma <= DETECTABLE for one in three)
+    print(
+        f"three cameras: named {named}, held back {len(held)} of {len(three)}, {late} of them later than 5 s; of those "
+        f"not held {hard} are not detectable"
+    )
     sent, wrong = sum(one.sent for one in every), [one for one in every if one.wrong_late]
     before = sum(one.wrong_before for one in every if one.kind != "box")
     print(
@@ -173,7 +189,8 @@ def main() -> None:
                 said = "; ".join(f"{at_s:.1f} s {camera or '-'} {why}" for at_s, camera, why in one.said)
                 delay = "-" if one.delay_s is None else f"{one.delay_s:.1f}"
                 print(
-                    f"{one.name} | seen {one.visible_s:.1f} s, delay {delay}, innocent {one.innocent}, wrong "
+                    f"{one.name} | seen {one.visible_s:.1f} s, {one.shift_sigma:.1f} sigma, delay {delay}, "
+                    f"innocent {one.innocent}, wrong "
                     f"{one.wrong_before}/{one.wrong_soon}/{one.wrong_late} of {one.sent}, worst {one.worst:.0f}, "
                     f"{one.cpu_s:.1f} CPU s | {said}",
                     flush=True,

@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from calib.guarding.meetings import attitude_sigma
 from calib.observations import Frame
 from tools.doubles.faults import CameraFault, faulty_frames
 from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make
@@ -26,6 +27,9 @@ BOUNDS_S: Final = (0.001, 0.005, None)
 BOX_TURNS_S: Final = (15.0, 60.0)  # in which an object turns once, and with it where in its box its middle is
 STEP_NS: Final = 500_000_000
 WITNESSES: Final = 3  # others that see the same object
+LENS_PX: Final = 0.3  # one sigma of what a lens model leaves
+DETECTED_S: Final = 5.0  # of visible flight, in which a fault should be found
+PACE_S: Final = 0.5  # over which an object's pace in the image is measured: noise is small beside it
 
 
 @dataclass(frozen=True)
@@ -140,3 +144,32 @@ def visible_s(drawn: GuardScene) -> Callable[[int], float]:
         edges.append(step_ns)
         seen.append(total)
     return lambda t_unix_ns: float(np.interp(t_unix_ns, [edges[0] - STEP_NS, *edges], [0.0, *seen]))
+
+
+def shift_sigma(drawn: GuardScene) -> float:
+    """By how many sigma the fault moves the victim's pixels, in the mean over the first seconds that count as visible.
+
+    Sigma is of the mean of a second's rows: their noise, what a lens model leaves, and what the calibration itself
+    states of that camera's attitude. Whatever a guard is like, it cannot see what is hardly larger.
+    """
+    scene = drawn.scene
+    spec, camera = scene.spec, next(one for one in scene.truth if one.id == drawn.victim)
+    focal_px = min(camera.lens.intrinsics[:2])
+    sigma_px = float(np.sqrt(spec.noise_px**2 / max(spec.rate_hz * (1 - spec.dropout), 1.0) + LENS_PX**2))
+    sigma_px = float(np.hypot(sigma_px, focal_px * attitude_sigma(scene.network, drawn.victim)))
+    fault = drawn.fault
+    if drawn.kind != "clock":
+        return float(focal_px * np.radians(fault.turn_deg or KNOCK_DEG[0]) / sigma_px)
+    own, visible = scene.simulated.rows[drawn.victim], visible_s(drawn)
+    begin_ns = T0_UNIX_NS + round(EVENT_S * 1e9)
+    shifts = []
+    for source in np.unique(own.source[own.source > 0]):
+        rows = (own.source == source) & (own.t_unix_ns >= begin_ns)
+        rows &= np.array([visible(t) <= DETECTED_S for t in own.t_unix_ns.tolist()])
+        t_s, pixels = (own.t_unix_ns[rows] - begin_ns) * 1e-9, own.pixels[rows]
+        again = np.searchsorted(t_s, t_s + PACE_S)
+        near = again < len(t_s)
+        near[near] &= t_s[again[near]] - t_s[near] < 2 * PACE_S
+        pace = (pixels[again[near]] - pixels[near]) / (t_s[again[near]] - t_s[near])[:, None]
+        shifts += np.linalg.norm(pace * fault.step_s, axis=1).tolist()
+    return float(np.mean(shifts)) / sigma_px if shifts else 0.0

@@ -1,7 +1,8 @@
 """Targets as they leave the station: out of the site's local frame, into the Earth's, checked once more.
 
 The hazard is a wrong aircraft on somebody's map. What leaves here is finite, has a covariance that is one, lies where
-an object near this site can be, and is not more uncertain than useful; anything else is dropped and counted.
+an object near this site can be, and is not more uncertain than useful; anything else is dropped and counted. While rays
+contradict each other and nobody knows yet which camera is wrong, every position is as uncertain as that could make it.
 """
 
 from collections.abc import Iterable
@@ -11,7 +12,8 @@ from typing import Final
 import numpy as np
 
 from calib.geodesy import Origin, R_ecef_enu, enu_to_ecef
-from calib.tracking.targets import TargetEstimate, TargetState
+from calib.network import Camera
+from calib.tracking.targets import MISLED, TargetEstimate, TargetState
 from edge.common.arrays import Array
 from edge.messages import Target
 
@@ -61,6 +63,7 @@ class TargetExport:
     def __init__(self, cameras: Iterable[str], min_cameras: int) -> None:
         self._bit = {camera: 1 << k if k < 32 else 0 for k, camera in enumerate(cameras)}
         self._min_cameras = min_cameras
+        self._doubted_enu, self._doubt_rad = np.zeros(3), 0.0
         self._origin: Origin | None = None
         self._R = np.eye(3)
         self._origin_ecef = np.zeros(3)
@@ -71,6 +74,19 @@ class TargetExport:
             self._origin, self._R = origin, R_ecef_enu(origin)
             self._origin_ecef = enu_to_ecef(np.zeros((1, 3)), origin)[0]
 
+    def doubt(self, camera: Camera | None, miss_rad: float) -> None:
+        """From now on rays may be off by miss_rad, those of that camera if anyone's; None: nothing is doubted."""
+        self._doubt_rad = 0.0 if camera is None else miss_rad
+        if camera is not None:
+            self._doubted_enu = camera.centre_enu
+
+    def _covariance(self, e: TargetEstimate) -> Array:
+        """With what is doubted now. It is not the filter's: it goes as it came."""
+        if not self._doubt_rad or not np.isfinite(e.position_enu).all():
+            return e.covariance
+        doubt_m = MISLED * self._doubt_rad * float(np.linalg.norm(e.position_enu - self._doubted_enu))
+        return e.covariance + np.diag([doubt_m**2] * 3 + [0.0] * 3)
+
     def to_wgs84(self, estimates: Iterable[TargetEstimate], origin: Origin) -> list[OutgoingTarget]:
         """The estimates that may be sent, as they are sent."""
         self._move_to(origin)
@@ -79,7 +95,7 @@ class TargetExport:
         return [target for target in checked if target is not None]
 
     def _one(self, e: TargetEstimate) -> OutgoingTarget | None:
-        R, P = self._R, e.covariance
+        R, P = self._R, self._covariance(e)
         sane = np.isfinite(P).all() and np.isfinite(e.position_enu).all() and np.isfinite(e.velocity_enu).all()
         if not sane or np.abs(e.position_enu).max() > FARTHEST_M:
             return None

@@ -167,7 +167,7 @@ class Station:
     def solved(self, done: SolveResult) -> Network | None:
         """Take a finished job; the network to be stored, if there is a new one."""
         self._busy = False
-        if self.guard.doubting and self.calibration.network is not None:
+        if self.guard.doubt is not None and self.calibration.network is not None:
             self.calibration.pass_over(done)  # it may have been solved from the very rows that are in doubt
             return None
         network = self.calibration.take(done)
@@ -237,10 +237,14 @@ class Station:
 
     def _watch(self, now_unix_ns: int) -> list[OutgoingTarget]:
         """Ask the guard; returns the farewells of targets that stood on what is no longer believed."""
-        for camera in self.intake.cameras.values():
-            self.guard.state_clock(camera.id, camera.clock_bound_s)
+        for box in self.intake.cameras.values():
+            self.guard.state_clock(box.id, box.clock_bound_s)
         ended: list[OutgoingTarget] = []
-        for finding in self.guard.findings(now_unix_ns):
+        findings = self.guard.findings(now_unix_ns)
+        network, doubt = self.calibration.network, self.guard.doubt
+        camera = network.camera(doubt.camera) if network is not None and doubt is not None else None
+        self._export.doubt(camera, doubt.miss_rad if doubt is not None else 0.0)
+        for finding in findings:
             if finding.camera is None:
                 ended += self._hold_back(finding)
             elif finding.camera in self.calibration.trusted:

@@ -1,11 +1,14 @@
 """The guard: who is knocked is named in seconds, who is not is left alone, and no target estimate is asked."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import calib.guarding.monitor
 from calib.guarding.monitor import Guard
+from calib.observations import Frame
 from tools.doubles.faults import FAULTS, faulty_frames, findings
 from tools.doubles.flight import T0_UNIX_NS, Spec, frames, make
 from tools.doubles.guard_scenes import EVENT_S as DRAWN_EVENT_S
@@ -50,6 +53,23 @@ def test_random_scenes_name_no_innocent_and_cry_no_wolf(number: int) -> None:
 def test_nothing_is_found_where_nothing_happens() -> None:
     scene = make(replace(SPEC, birds=4, dropout=0.2, clutter=1.0))
     assert findings(scene, frames(scene)) == []
+
+
+@pytest.mark.parametrize(("cameras", "seed"), [(3, 1), (3, 3), (3, 5), (4, 0), (4, 1), (6, 1), (6, 3), (6, 5)])
+def test_half_a_second_of_something_else_in_one_camera_is_nothing(cameras: int, seed: int) -> None:
+    """A bird takes over a drone's track. It stays in the guard's memory for seconds, and was heard in every round."""
+    scene = make(replace(SPEC, cameras=cameras, uavs=1, duration_s=14.0, seed=seed))
+    rng = np.random.default_rng(seed)
+    away_px, going_px_s, long_s = rng.uniform(-60, 60, 2), rng.uniform(-300, 300, 2), rng.uniform(0.3, 0.7)
+
+    def with_a_bird() -> Iterator[tuple[int, Frame]]:
+        for arrival_ns, frame in frames(scene):
+            late_s = (arrival_ns - T0_UNIX_NS) * 1e-9 - EVENT_S
+            if frame.camera == "cam2" and 0 < late_s < long_s:
+                frame = replace(frame, pixels=frame.pixels + away_px + going_px_s * late_s)  # noqa: PLW2901
+            yield arrival_ns, frame
+
+    assert findings(scene, with_a_bird(), None) == []
 
 
 def test_calibration_errors_that_are_declared_are_no_knock() -> None:

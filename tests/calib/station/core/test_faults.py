@@ -150,7 +150,7 @@ def test_a_calibration_that_comes_while_rays_contradict_each_other_is_not_put_in
         station = fed.station
         if fed.solves and station.calibration.network is not None and len(station.calibration.network.cameras) == 4:
             fed.solves = False
-        if station.guard.doubting and not station.calibration.suspects:
+        if station.guard.doubt is not None and not station.calibration.suspects:
             before = station.calibration.network
             bent = replace(fed.scene.network, rms_px=0.9)
             refused = station.solved(SolveResult(station.calibration._jobs, Solved(bent, 0.1), None, 1.0)) is None
@@ -158,6 +158,24 @@ def test_a_calibration_that_comes_while_rays_contradict_each_other_is_not_put_in
         fed.take(sent)
     assert refused, "else nothing was on trial"
     assert list(fed.station.calibration.suspects) == ["cam2"]
+
+
+def test_while_rays_contradict_each_other_positions_are_as_uncertain_as_that_could_make_them() -> None:
+    """Who is wrong is not known yet; that somebody is, is."""
+    fed = Fed(station_for(make(SPEC)), make(SPEC))
+    calm, doubted = [], []
+    for sent in Fault.KNOCKED.apply(fed.scene):
+        station = fed.station
+        if fed.solves and station.calibration.network is not None and len(station.calibration.network.cameras) == 4:
+            fed.solves = False
+        count, doubt, named = len(fed.sent), station.guard.doubt, bool(station.calibration.suspects)
+        fed.take(sent)
+        if not named:
+            (calm if doubt is None else doubted).extend(t for _, t in fed.sent[count:] if t.state == "confirmed")
+    assert doubted, "else nothing was on trial"
+    # Half a degree is a metre at 100 m; the rays of the camera may bend a position by twice that.
+    assert np.median([target.sigma_m for target in calm]) < 0.5
+    assert min(target.sigma_m for target in doubted[5:]) > 0.5
 
 
 @pytest.mark.parametrize("fault", [Fault.SILENT, Fault.FLOODED], ids=lambda f: f.name)
