@@ -68,7 +68,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Disagreement:
     """Rays contradict each other now: if it is this camera, by miss_rad. The best guess, and no more."""
 
     camera: str
@@ -93,7 +93,7 @@ class Guard:
         self._sliced_ns = 0
         self._wander = ClockWander()
         self._suspected: list[str | None] = []  # of the last rounds in a row that contradict: who, if anybody
-        self._doubt: Doubt | None = None
+        self._doubt: Disagreement | None = None
         self._found: list[Finding] = []
         self._frozen: dict[str, tuple[bytes, int, int]] = {}  # pixels, since, frames
         self._candidate: StoredTrial | None = None
@@ -132,7 +132,7 @@ class Guard:
         self._clock_bound_s[camera] = bound_s
 
     @property
-    def doubt(self) -> Doubt | None:
+    def doubt(self) -> Disagreement | None:
         """What is wrong if anything is, while rays contradict each other and nothing has been found yet."""
         return self._doubt if self._suspected else None
 
@@ -287,7 +287,7 @@ class Guard:
         name = network.cameras[verdict.worst.camera].id if verdict.named else None
         self._suspected.append(name)
         miss_rad = max(verdict.turned_rad, verdict.stepped_rad)
-        self._doubt = Doubt(network.cameras[verdict.worst.camera].id, miss_rad)
+        self._doubt = Disagreement(network.cameras[verdict.worst.camera].id, miss_rad)
         named = name is not None and self._suspected[-NAMED_ROUNDS:] == [name] * NAMED_ROUNDS
         among = sorted({int(k) for one in slices for _, found in one.objects for k in found.cameras})
         rounds = UNNAMED_ROUNDS if len(among) < NAMEABLE else NAMEABLE_ROUNDS
