@@ -8,7 +8,7 @@ KERNELS := Haswell $(shell grep -qs avx512f /proc/cpuinfo && echo SkylakeX || ec
 MATHEMATICS := $(addprefix tests/calib/, geometry adjustment solving tracking)
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 
-.PHONY: setup demo test test-rooms test-whole test-field test-machine rehearse test-kernels fuzz check lock bundle clean
+.PHONY: setup demo test test-rooms test-whole test-field test-machine test-packages rehearse test-kernels fuzz check lock bundle clean
 
 setup: .venv/installed
 
@@ -36,7 +36,7 @@ test-whole: setup
 	$(MAKE) --no-print-directory test-machine
 
 test-rooms: setup
-	$(BIN)/python -m pytest --ignore=tests/field --ignore=tests/machine
+	$(BIN)/python -m pytest --ignore=tests/field --ignore=tests/machine --ignore=tests/packages
 
 test-field: setup
 	$(BIN)/python -m pytest tests/field
@@ -44,6 +44,10 @@ test-field: setup
 # What is installed, in a booted machine without a network: as root, with systemd-container and mmdebstrap; else skipped.
 test-machine: setup
 	$(BIN)/python -m pytest -rs tests/machine
+
+# The Debian packages: built, checked by lintian, and lived with in a booted machine. Ten minutes, so CI alone asks for it.
+test-packages: setup
+	$(BIN)/python -m pytest -rs tests/packages
 
 # The same life, told as it goes: a finding a line.
 rehearse: setup

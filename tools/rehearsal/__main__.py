@@ -1,8 +1,10 @@
 """Rehearse installations, as root; a finding a line, 1 if one is FAIL.
 
 python -m tools.rehearsal                      what CI lives through
+python -m tools.rehearsal typed                what the pages say, word for word; CI too
 python -m tools.rehearsal trouble              machines that are full, read-only, old, or set on purpose
-python -m tools.rehearsal upgrades --seed 7    twenty upgrades, every third broken: an hour
+python -m tools.rehearsal packages             the Debian packages, by apt's own means
+python -m tools.rehearsal upgrades --seed 7    twenty upgrades, every third broken: half an hour
 """
 
 import argparse
@@ -16,7 +18,9 @@ from tools import bundle
 from tools.rehearsal import debian
 from tools.rehearsal.life import Life, first_base, flight, heart, lived, second_role
 from tools.rehearsal.machine import CannotBoot
+from tools.rehearsal.packages import built_debs, packages
 from tools.rehearsal.trouble import trouble
+from tools.rehearsal.typed import typed
 from tools.rehearsal.upgrades import upgrades
 
 
@@ -31,12 +35,26 @@ def _heart(life: Life, _seed: int) -> None:
     heart(life)
 
 
+def _typed(life: Life, _seed: int) -> None:
+    typed(life)
+
+
+def _packages(life: Life, _seed: int) -> None:
+    packages(life)
+
+
 def _trouble(life: Life, _seed: int) -> None:
     trouble(life)
 
 
 # What each part does, and how large its disk for programs is (MB; 0: as large as there is room).
-PARTS: Final = {"heart": (_heart, 0), "trouble": (_trouble, 0), "upgrades": (_upgraded, 2000)}
+PARTS: Final = {
+    "heart": (_heart, 0),
+    "packages": (_packages, 0),
+    "trouble": (_trouble, 0),
+    "typed": (_typed, 0),
+    "upgrades": (_upgraded, 2000),
+}
 
 
 def built(folder: Path, archive: Path | None) -> Path:
@@ -48,6 +66,11 @@ def built(folder: Path, archive: Path | None) -> Path:
     with tarfile.open(archive) as tar:
         tar.extractall(folder, filter="data")
     return next(folder.glob("skyfix-*-bundle"))
+
+
+def _made(part: str, folder: Path, archive: Path | None) -> Path:
+    """What that part installs."""
+    return built_debs(folder / "debs", bundle.this_machine()) if part == "packages" else built(folder, archive)
 
 
 def main() -> int:
@@ -67,8 +90,8 @@ def main() -> int:
 
     with tempfile.TemporaryDirectory() as folder:
         try:
-            bundle_folder = built(Path(folder), options.bundle)
-            with lived(debian.make(), bundle_folder, Path(folder), lead, programs_mb=programs_mb) as life:
+            made = _made(options.part, Path(folder), options.bundle)
+            with lived(debian.make(), made, Path(folder), lead, programs_mb=programs_mb) as life:
                 return int(not all(finding.came_true for finding in life.findings))
         except CannotBoot as reason:
             sys.exit(str(reason))
