@@ -11,6 +11,7 @@ import shutil
 from typing import Final
 
 PACKAGES: Final = {
+    "buildah": "buildah",
     "chromedriver": "chromium-driver",
     "chromium": "chromium",
     "chronyd": "chrony",
