@@ -12,8 +12,8 @@ from calib.observations import Scene
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
 from calib.station.core.jobs import Solved
-from calib.station.report import essential_marks, write_report
-from calib.station.report.grade import worst
+from calib.station.report import write_report
+from calib.station.report.grade import claims
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +49,10 @@ def _solve(scene: Scene, start: Network | None) -> Solution:
 
 
 def _told(solution: Solution) -> Solved:
-    decisive = worst(list(essential_marks(solution)))
+    """Graded by what is claimed alone. That one camera is loose, because its survey is disbelieved, is in the sigma of
+    every position that it takes part in; and that has a bound of its own.
+    """
+    decisive = claims(solution.report.strain, solution.report.findings)
     spread = np.linalg.eigvalsh(solution.trajectory.covariance_enu)[:, -1]
     return Solved(
         solution.network,

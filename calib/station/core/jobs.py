@@ -12,7 +12,7 @@ class Solved:
     """What the live station needs of a solution, in words that need no solver to be read.
 
     sigma_m: median one sigma of the flight's positions. left_out: camera and why. findings: what was found wrong.
-    grade: the worse of what is claimed and of the weakest direction, A to E; verdict: why; improvement: what to do.
+    grade: of what is claimed of the site, A to E; verdict: why; improvement: what to do.
     """
 
     network: Network

@@ -15,7 +15,6 @@ from calib.station.report.summary import (
     DISTANCES_M,
     MIDDLE_DISTANCE_M,
     REPORT_FORMAT,
-    Mark,
     Summary,
     camera_summaries,
     claims_summary,
@@ -26,7 +25,7 @@ from calib.station.report.summary import (
 )
 from edge.common.atomic import write_atomically
 
-__all__ = ["HTML", "JSON", "Summary", "essential_marks", "summarise", "to_html", "to_json", "write_report"]
+__all__ = ["HTML", "JSON", "Summary", "summarise", "to_html", "to_json", "write_report"]
 
 HTML: Final = "report.html"
 JSON: Final = "report.json"
@@ -38,7 +37,8 @@ def summarise(solution: Solution) -> Summary:
     cameras, pairs, flight = camera_summaries(solution), pair_summaries(solution), flight_summary(solution)
     survey = survey_summary(solution)
     left_out = dict(report.left_out)
-    claims, weakest = essential_marks(solution)
+    claims = grade.claims(report.strain, report.findings)
+    weakest = grade.weakest(report.weakest_camera, report.weakest_sigma_m, figures.direction_words(solution))
     marks = grade.marks(cameras, left_out, pairs, flight, survey=survey, claims=claims, weakest=weakest)
     distances = [predicted(solution, distance_m) for distance_m in DISTANCES_M]
     return Summary(
@@ -64,14 +64,6 @@ def summarise(solution: Solution) -> Summary:
         cameras=cameras,
         pairs=pairs,
     )
-
-
-def essential_marks(solution: Solution) -> tuple[Mark, Mark]:
-    """The two that need no evidence and that a network must not fail by: what is claimed, and its weakest direction."""
-    report = solution.report
-    direction = figures.direction_words(solution)
-    weakest = grade.weakest(report.weakest_camera, report.weakest_sigma_m, direction)
-    return grade.claims(report.strain, report.findings), weakest
 
 
 def to_json(summary: Summary) -> bytes:
