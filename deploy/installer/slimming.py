@@ -18,6 +18,9 @@ DROPPED: Final = (
     "onnxruntime/transformers",
     "onnxruntime/quantization",
     "onnxruntime/datasets",
+    # only those tools of onnxruntime's read models apart: 3 MB
+    "google",
+    "protobuf-*",
     # every MAVLink dialect twice over; ours is calib's own, and `common` is what receivers are told with: 45 MB
     "pymavlink/dialects/v10",
     "pymavlink/dialects/v09",
@@ -31,6 +34,9 @@ DROPPED: Final = (
     # pictures of a format that nobody here reads or writes; Pillow does without: 5 MB
     "PIL/_avif*",
     "pillow.libs/libavif*",
+    # colours for the text of programs, which the page shows none of: 3 MB
+    "pygments/lexers/[!_ps]*",
+    "pygments/lexers/_*_builtins.py",
     # the generator of dialects needs it: 12 MB
     "lxml",
     # a second implementation of the same, for PyPy: 12 MB
@@ -46,6 +52,9 @@ DROPPED: Final = (
     "numpy/random/lib",
     "numpy/random/_examples",
     "nicegui/testing",
+    # a compiler of style sheets for the browser, fetched only where a page brings some to compile: 3 MB
+    "nicegui/static/sass*",
+    "nicegui/static/immutable.es.js",
     # charts, editors and scenes that the page has not: 16 MB
     *(f"nicegui/elements/{name}/dist" for name in ("plotly", "mermaid", "codemirror", "echart", "json_editor")),
     *(f"nicegui/elements/{name}/dist" for name in ("aggrid", "scene", "xterm", "leaflet")),
