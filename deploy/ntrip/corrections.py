@@ -20,6 +20,7 @@ from typing import Final
 
 HERE: Final = "127.0.0.1"
 NTRIP_PORT: Final = 2101  # IANA's, where none is given
+LAST_PORT: Final = 65535
 LOOK_S: Final = 1.0  # how often it is asked whether str2str still runs
 CONNECTS_WITHIN_S: Final = 10.0  # as str2str's own -s
 ENDS_WITHIN_S: Final = 2.0  # str2str joins its threads, and may hang in that
@@ -41,9 +42,9 @@ class Caster:
 
 def parse(source: str) -> Caster:
     """`ntrip://[USER[:PASSWORD]@]HOST[:PORT]/MOUNT`, as str2str reads it. Raises ValueError, without the password."""
-    user, _, place = source.strip().removeprefix("ntrip://").rpartition("@")
+    user, _, place = source.removeprefix("ntrip://").rpartition("@")
     found = re.fullmatch(r"(\[[0-9A-Fa-f:]+\]|[^/:\s]+)(?::(\d{1,5}))?/(\S+)", place)
-    if found is None or not source.startswith("ntrip://"):
+    if found is None or not source.startswith("ntrip://") or int(found[2] or NTRIP_PORT) > LAST_PORT:
         raise ValueError("NTRIP_SOURCE is not ntrip://USER:PASSWORD@HOST:PORT/MOUNTPOINT")
     return Caster(found[1].strip("[]"), int(found[2] or NTRIP_PORT), found[3], user)
 
@@ -110,7 +111,7 @@ def _serve(caster: Caster, listener: socket.socket, child: "subprocess.Popen[byt
     try:
         with asking, connected(caster, asking) as there:
             first = relay(asking, there, child).decode("latin-1")
-    except OSError as error:
+    except (OSError, UnicodeError) as error:  # UnicodeError: a name that can be none, as `a..b`
         return f"{caster.host}:{caster.port} cannot be reached ({error}); trying again every 10 s"
     if first.startswith("SOURCETABLE"):
         return f"{caster.host} has no mountpoint {caster.mount}"

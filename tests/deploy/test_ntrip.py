@@ -4,6 +4,7 @@ The caster is a socket that says what a real one says to str2str, which speaks N
 """
 
 import base64
+import contextlib
 import os
 import random
 import shlex
@@ -16,6 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from deploy.ntrip.corrections import Caster, asked_of, parse
 from tests.places import DEPLOY, ROOT
@@ -107,6 +110,21 @@ def test_a_refusal_is_told_with_the_casters_own_words(answer: bytes, told: str, 
             assert "s3cret" not in said
 
 
+@pytest.mark.program("str2str")
+@pytest.mark.parametrize("host", ["127.0.0.1:1", "a..b", "nobody.invalid"])
+def test_a_caster_that_cannot_be_reached_is_told_and_tried_again(host: str, tmp_path: Path) -> None:
+    environment = os.environ | {"NTRIP_SOURCE": f"ntrip://{host}/HILL", "NTRIP_TO": f"file://{tmp_path}/out"}
+    command = [sys.executable, str(DEPLOY / "ntrip/corrections.py")]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as one:
+        assert one.stdout is not None
+        said = next(line for line in one.stdout if "skyfix-ntrip:" in line)
+        alive = one.poll() is None
+        one.terminate()
+        one.wait(PATIENCE_S)
+    assert "cannot be reached" in said
+    assert alive
+
+
 def test_what_the_program_ends_with_is_its_own(tmp_path: Path) -> None:
     """A str2str that ends, as it does where its port is gone: the service ends too, and is started anew by systemd."""
     (tmp_path / "str2str").write_text("#!/bin/sh\nexit 3\n")
@@ -130,11 +148,36 @@ def test_sources_are_read_as_str2str_reads_them() -> None:
     assert parse("ntrip://caster/M") == Caster("caster", 2101, "M", "")
 
 
-@pytest.mark.parametrize("source", ["", "ntrip://u:geheim@caster", "http://u:geheim@caster/M", "ntrip://u:geheim@/M"])
+@pytest.mark.parametrize(
+    "source",
+    [
+        "",
+        "ntrip://u:geheim@caster",
+        "http://u:geheim@caster/M",
+        "ntrip://u:geheim@/M",
+        "ntrip://u:geheim@c:65536/M",
+    ],
+)
 def test_what_is_no_source_is_refused_without_its_password(source: str) -> None:
     with pytest.raises(ValueError, match="NTRIP_SOURCE") as refusal:
         parse(source)
     assert "geheim" not in str(refusal.value)
+
+
+@given(st.text(max_size=60))
+def test_whatever_stands_for_a_source_is_one_or_is_refused(text: str) -> None:
+    with contextlib.suppress(ValueError):
+        found = parse(f"ntrip://{text}")
+        assert 0 <= found.port <= 65535
+        assert found.host
+        assert found.mount
+
+
+@given(st.binary(max_size=300))
+def test_whatever_is_asked_is_asked_of_the_caster_in_one_request(head: bytes) -> None:
+    asked = asked_of(Caster("c", 2101, "M", "u:p"), head)
+    assert asked.count(b"\r\n\r\n") == 1
+    assert asked.endswith(b"Authorization: Basic dTpw\r\n\r\n")
 
 
 def test_a_caster_without_a_user_is_asked_without_one() -> None:

@@ -7,15 +7,12 @@ stands in README.md, deploy/README.md and those of certificates, time and correc
 import os
 import subprocess
 import time
-from pathlib import Path
 from typing import Final
 
 from tools import bundle
-from tools.rehearsal.bundles import resummed, variant
 from tools.rehearsal.life import (
     ONLINE,
     SETTLED_S,
-    WATCH_S,
     Life,
     base_is_there,
     configure_box,
@@ -23,6 +20,7 @@ from tools.rehearsal.life import (
     flight,
 )
 from tools.rehearsal.pages import TYPED, line
+from tools.rehearsal.signing import signed
 
 SUDO: Final = 'sudo() { "$@"; }; '
 BASE: Final = "192.168.7.1"  # the address in the pages
@@ -174,37 +172,6 @@ def _corrections(life: Life, typist: Typist) -> None:
     seen = machine.ask(SEEN)
     fine = seen == "0" and machine.ask("systemctl is-active skyfix-ntrip") == "active"
     life.note("nobody sees the caster's password", fine, f"{seen} command lines")
-
-
-def signed(life: Life) -> None:
-    """Who made a bundle is who may, from the first signed one on."""
-    good, changed = life.bundles / "0.3.0", life.bundles / "0.4.0"
-    variant(life.built, good, "0.3.0")
-    bundle.sign(good, _key(life.bundles, "key"))
-    variant(life.built, life.bundles / "0.5.0", "0.5.0")
-    bundle.sign(life.bundles / "0.5.0", _key(life.bundles, "stranger"))
-    resummed(good, changed, "README.md", "changed by somebody, sums and all\n")
-    words = f"base --watch {WATCH_S:g}"
-    done = life.install("0.3.0", words)
-    fine = done.returncode == 0 and "from now on only bundles signed" in done.stdout
-    life.note("a signed bundle is taken, and its signers are kept", fine, done.stdout[-300:] + done.stderr)
-    for version, kind, told in (
-        ("0.4.0", "a changed", "signature is nobody's"),
-        ("0.5.0", "a stranger's", "signature is nobody's"),
-        ("0.6.0", "an unsigned", "the bundle is not signed"),
-    ):
-        done = life.install(version, words)
-        fine = done.returncode == 1 and told in done.stderr and life.state() == "0.3.0 active active"
-        life.note(f"{kind} bundle is refused", fine, done.stderr)
-    done = life.install("0.3.0", words)
-    fine = done.returncode == 0 and "signed by one of" in done.stdout
-    life.note("a bundle of the right signer is taken again", fine, done.stdout[-300:] + done.stderr)
-
-
-def _key(folder: Path, name: str) -> Path:
-    words = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(folder / name)]
-    subprocess.run(words, check=True, stdin=subprocess.DEVNULL)
-    return folder / name
 
 
 def _back(life: Life, typist: Typist) -> None:
