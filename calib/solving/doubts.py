@@ -18,6 +18,7 @@ from calib.adjustment.projection import CAMERA_SIZE, CENTRE, LENS, OFFSET, RATE,
 from edge.common.arrays import Array
 
 SLIPS_M: Final = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)  # of one position: from a false fix to a wrong tripod
+HEIGHTS_M: Final = (1.0, 3.0, 10.0, 30.0, 100.0)  # of a height alone: an antenna's, or above the sea for the ellipsoid
 # Of all positions: a survey that claims too much, no RTK, coordinates rounded. Finer than the slips of one, because
 # as many positions tell it well.
 SURVEY_OFF_M: Final = (0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 30.0)
@@ -49,6 +50,7 @@ class Doubt:
     sigmas), one sigma.
 
     odds: how often that happens, against a site where all is as claimed. together: they are all off by the same.
+    vertical: of a position, its height only.
     """
 
     claim: Claim
@@ -56,11 +58,17 @@ class Doubt:
     size: float
     odds: float
     together: bool = False
+    vertical: bool = False
 
     @property
     def about(self) -> tuple[Claim, tuple[str, ...], bool]:
-        """What it is about, whatever its size."""
-        return self.claim, self.cameras, self.together
+        """What it is about, whatever its size. A height that is off is a position that is off."""
+        return self.claim, self.cameras, self.together and not self.vertical
+
+    @property
+    def room(self) -> tuple[bool, bool, float]:
+        """How much it allows for, to compare doubts about the same with."""
+        return not self.together, not self.vertical, self.size
 
 
 def all_doubts(prior: JointPrior) -> Iterator[Doubt]:
@@ -69,6 +77,7 @@ def all_doubts(prior: JointPrior) -> Iterator[Doubt]:
     surveyed = tuple(one.mean.id for one in prior.cameras if one.centre_information.any())
     timed = tuple(one.mean.id for one in prior.cameras if one.sigma[OFFSET] < max(CLOCK_SLIPS_S))
     yield from _each(Claim.POSITION, surveyed, SLIPS_M, USUAL_ODDS)
+    yield from _each(Claim.POSITION, surveyed, HEIGHTS_M, USUAL_ODDS, vertical=True)
     yield from _pairs(surveyed)
     yield from _each(Claim.LENS, names, LENS_OFF, USUAL_ODDS)
     yield from _each(Claim.DISTORTION, names, BENT, RARE_ODDS)
@@ -82,18 +91,23 @@ def all_doubts(prior: JointPrior) -> Iterator[Doubt]:
         yield from _all(Claim.DISTORTION, alike, BENT, RARE_ODDS, together=True)
 
 
-def _each(claim: Claim, names: tuple[str, ...], sizes: tuple[float, ...], odds: float) -> Iterator[Doubt]:
+def _each(
+    claim: Claim, names: tuple[str, ...], sizes: tuple[float, ...], odds: float, *, vertical: bool = False
+) -> Iterator[Doubt]:
     for name in names:
         for size in sizes:
-            yield Doubt(claim, (name,), size, odds / len(sizes))
+            yield Doubt(claim, (name,), size, odds / len(sizes), vertical=vertical)
 
 
 def _pairs(names: tuple[str, ...]) -> Iterator[Doubt]:
-    """Two positions at once: exchanged, they are as far off as the tripods stand apart."""
+    """Two at once: exchanged, they are as far off as the tripods stand apart; or both heights, by the same."""
     pairs = list(combinations(names, 2)) if len(names) <= MOST_PAIRED else []
     for pair in pairs:
         for size in SLIPS_M:
             yield Doubt(Claim.POSITION, pair, size, RARE_ODDS / len(pairs) / len(SLIPS_M))
+        for size in HEIGHTS_M:
+            odds = RARE_ODDS / len(pairs) / len(HEIGHTS_M)
+            yield Doubt(Claim.POSITION, pair, size, odds, together=True, vertical=True)
 
 
 def _all(
@@ -134,6 +148,8 @@ def directions(doubt: Doubt, prior: JointPrior) -> Array:
         if one.mean.id in doubt.cameras:
             own = np.zeros((size, 3))
             own[unknowns_of(index)] = _moves(doubt.claim, one.mean.lens.intrinsics)
+            if doubt.vertical:
+                own[:, :2] = 0.0
             if doubt.claim is Claim.CLOCK and one.sigma[OFFSET] == FIXED:
                 own = _all_others_clocks(index, prior)
             columns.append(own)

@@ -15,8 +15,9 @@ from calib.adjustment.bundle import Adjusted, Problem, adjust_rounds
 from calib.adjustment.noise import RAYLEIGH_MEDIAN, robust_weight
 from calib.adjustment.projection import CameraData, Projected, project, site_time_s
 from calib.adjustment.uncertainty import prediction_px2
+from calib.solving.pixel_information import PriorTest
 from calib.solving.series import gap_to_nearest_s
-from calib.solving.strain import PriorTest, survey_test
+from calib.solving.strain import survey_test
 from edge.common.arrays import Array
 
 GRID: Final = (6, 8)  # rows and columns the image is cut into: a lens's errors are smooth, and each cell needs rows

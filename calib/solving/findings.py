@@ -79,7 +79,7 @@ def contradiction(strained: Strain, cameras: int) -> str:
 
 def _is_off(doubt: Doubt, cameras: int) -> str:
     several = len(doubt.cameras) > 1
-    subject = SUBJECTS[doubt.claim]
+    subject = "surveyed height" if doubt.vertical else SUBJECTS[doubt.claim]
     if doubt.claim is Claim.EVERYTHING:
         return f"{subject} of {_whose(doubt, cameras)} are less certain than they claim"
     return f"the {subject}{'s' if several else ''} of {_whose(doubt, cameras)} {'are' if several else 'is'} off"

@@ -19,10 +19,10 @@ from calib.adjustment.weights import Weights
 from calib.errors import CalibrationError
 from calib.network import Camera
 from calib.solving.bootstrap import first_estimate
-from calib.solving.doubts import slight_in_all
+from calib.solving.doubts import SURVEY_OFF_M, Claim, Doubt, slight_in_all
 from calib.solving.initial_estimate import InitialEstimate
 from calib.solving.inputs import FEWEST_CAMERA_ROWS, Inputs
-from calib.solving.rivals import told_apart
+from calib.solving.rivals import started, told_apart
 from calib.solving.strain import Believed, Strain, strain, widening
 from edge.common.arrays import Array
 
@@ -31,6 +31,7 @@ FEWEST_INLIERS: Final = 0.5  # share of a camera's rows within its noise: half c
 WITHIN_SIGMAS: Final = 3.0  # 98.9 % of good two-dimensional residuals
 COARSEST: Final = 8.0  # times the other cameras' noise, in ray units: a lens or a clock that no refinement mends
 DOUBT_ROUNDS: Final = 4  # of adjusting with other doubts: what is wrong is clearer the less it is believed
+FITTED: Final = 0.9  # share of its rows that its first pose explains: a camera that belongs, whatever was surveyed
 FEWEST_LEFT: Final = 3  # cameras: fewer would hang on the survey of two
 GAUGE_SIGMA: Final = 1e-6  # baselines: holds a local frame without counting as knowledge
 
@@ -72,7 +73,7 @@ class _Attempt:
     knots_s: float
     left_out: dict[str, str] = field(default_factory=dict)
     weights: Weights | None = None
-    doubt_rounds: int = 0
+    doubted: list[frozenset[object]] = field(default_factory=lambda: [frozenset()])
     adjusted: Adjusted | None = None
     strain: Strain | None = None
     problem: Problem = field(init=False)
@@ -91,7 +92,10 @@ class _Attempt:
                     raise
 
     def without_a_camera(self) -> bool:
-        """Take out the camera that does not belong, if there is one. Raises CalibrationError if too few are left."""
+        """Take out the camera that does not belong, if there is one. Raises CalibrationError if too few are left.
+
+        Not at once if it fitted the others before the survey was asked: then the survey is doubted first.
+        """
         if self.adjusted is not None:
             outcast = _outcast(self.adjusted, self.problem)
             cameras = self.adjusted.estimate.cameras
@@ -104,8 +108,21 @@ class _Attempt:
             outcast, cameras = (doubtful, why), None
         if outcast is None:
             return False
+        if self._survey_first(outcast[0]):
+            return True
         name, self.left_out[outcast[0]] = outcast
         self.initial, self.weights = _without(self.initial, cameras or self.initial.cameras, name), None
+        return True
+
+    def _survey_first(self, outcast: str) -> bool:
+        """Doubt all surveyed positions, and begin again, if they may be why a camera does not belong."""
+        surveyed = tuple(sorted(name for name, site in self.inputs.sites.items() if site.position_enu is not None))
+        fitted = self.initial.shares.get(outcast, 0.0) >= FITTED
+        if not fitted or self.initial.gauge is not None or self.adjusted is None or len(self.doubted) > 1:
+            return False
+        positions = Believed(Doubt(Claim.POSITION, surveyed, SURVEY_OFF_M[-1], 1.0), 1.0)
+        self.initial, self.weights = replace(self.initial, doubts=(positions,)), None
+        self.doubted.append(_about(self.initial.doubts))
         return True
 
     def with_other_doubts(self) -> bool:
@@ -113,30 +130,42 @@ class _Attempt:
         assert self.adjusted is not None
         if self.initial.gauge is not None:
             return False
-        found = strain(self.adjusted, self.problem)
-        self.strain = replace(found, doubts=told_apart(self.adjusted, self.problem, found.doubts))
-        if self.doubt_rounds >= DOUBT_ROUNDS or _covered(self.strain.doubts, self.initial.doubts):
+        found = strain(self.adjusted, self.problem, self.inputs.sites)
+        doubts = self._steady(told_apart(self.adjusted, self.problem, self.inputs.sites, found.doubts))
+        self.strain = replace(found, doubts=doubts)
+        if len(self.doubted) > DOUBT_ROUNDS or _covered(self.strain.doubts, self.initial.doubts):
             return False
         (weighed, stated), (before, _) = (_parted(d, self.problem) for d in (self.strain.doubts, self.initial.doubts))
         if _covered(weighed, before):  # only what is stated changes: adjusting anew would find the same
             self.initial = replace(self.initial, doubts=self.strain.doubts)
             self.problem = replace(self.problem, beyond=widening(stated, self.problem.prior))
             return False
-        self.doubt_rounds += 1
-        self.initial = replace(self.initial, cameras=self.adjusted.estimate.cameras, doubts=self.strain.doubts)
+        self.doubted.append(_about(self.strain.doubts))
+        begun = started(self.adjusted.estimate, self.problem, self.inputs.sites, self.strain.doubts)
+        self.initial = replace(self.initial, cameras=begun.cameras, doubts=self.strain.doubts)
         self.weights = self.adjusted.weights
         return True
+
+    def _steady(self, doubts: tuple[Believed, ...]) -> tuple[Believed, ...]:
+        """What is doubted; with what was doubted until now, where these doubts have led there and back already."""
+        if _about(doubts) == self.doubted[-1] or _about(doubts) not in self.doubted:
+            return doubts
+        return (*doubts, *(one for one in self.initial.doubts if one.doubt.about not in _about(doubts)))
 
     def _blind_camera(self) -> str | None:
         pairs = zip(self.estimate.cameras, self.problem.data, strict=True)
         return next((camera.id for camera, seen in pairs if len(seen.t_s) < FEWEST_CAMERA_ROWS), None)
 
 
+def _about(doubts: tuple[Believed, ...]) -> frozenset[object]:
+    return frozenset(one.doubt.about for one in doubts)
+
+
 def _covered(doubts: tuple[Believed, ...], allowed: tuple[Believed, ...]) -> bool:
     """Whether just these doubts were allowed for, and in no smaller size: adjusting anew would change nothing."""
-    sizes = {one.doubt.about: one.doubt.size for one in allowed}
-    return {one.doubt.about for one in doubts} == sizes.keys() and all(
-        one.doubt.size <= sizes[one.doubt.about] for one in doubts
+    rooms = {one.doubt.about: one.doubt.room for one in allowed}
+    return _about(doubts) == rooms.keys() and all(
+        all(own <= room for own, room in zip(one.doubt.room, rooms[one.doubt.about], strict=True)) for one in doubts
     )
 
 

@@ -5,6 +5,7 @@ changed in proportion; a tripod typed 48 m too low, in a square of four, then lo
 wrong. Gone on with for real, the wrong explanations bend the flight, and cost what the right one does not.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -13,17 +14,24 @@ import numpy as np
 from calib.adjustment.bundle import Adjusted, Problem, settle
 from calib.adjustment.flight import FlightEstimate
 from calib.errors import CalibrationError
+from calib.geometry.rotation import rotation
 from calib.geometry.similarity import HOLD_A_FRAME, Similarity, fit_similarity
+from calib.observations import SiteCamera
 from calib.solving.bootstrap import in_frame
 from calib.solving.doubts import Claim
+from calib.solving.level import levels, log_likelihood
 from calib.solving.strain import CERTAIN, UNLIKELY, Believed, most_probable_first, widening
 from edge.common.arrays import Array
 
 MOST_RIVALS: Final = 6  # explanations that are gone on with; more are as good as nobody's
+ROLLS_RAD: Final = np.radians(np.arange(-60.0, 61.0)).tolist()  # an adjustment goes on from within a degree
+LIKELIER: Final = 20.0  # times: less is no reason to turn a world over
 ROWS: Final = 2000  # enough for a hundred unknowns; each rival costs an adjustment
 
 
-def told_apart(adjusted: Adjusted, problem: Problem, doubts: tuple[Believed, ...]) -> tuple[Believed, ...]:
+def told_apart(
+    adjusted: Adjusted, problem: Problem, sites: dict[str, SiteCamera], doubts: tuple[Believed, ...]
+) -> tuple[Believed, ...]:
     """The doubts that are left once each of several has been gone on with by itself."""
     certain = tuple(one for one in doubts if one.probability >= CERTAIN)
     rivals = tuple(one for one in doubts if one.probability < CERTAIN)
@@ -33,33 +41,54 @@ def told_apart(adjusted: Adjusted, problem: Problem, doubts: tuple[Believed, ...
     weights = replace(adjusted.weights, interval_s=coarse.interval_s)
     support = []
     for one in rivals:
-        alone = replace(coarse, widened=widening((*certain, one), coarse.prior))
+        alone = replace(coarse, widened=widening((*certain, one.as_likeliest), coarse.prior))
         try:
-            _, cost = settle(alone, _started(adjusted.estimate, alone, one), weights)
+            estimate, cost = settle(alone, started(adjusted.estimate, alone, sites, (one,)), weights)
         except CalibrationError:
-            cost = np.inf
-        support.append(np.log(one.doubt.odds) - cost / 2)
-    if not np.isfinite(max(support)):
-        return doubts
+            return doubts  # so little is known without it that nothing can be told
+        level = log_likelihood(levels(estimate.cameras, sites).value)
+        support.append(np.log(one.as_likeliest.doubt.odds) + level - cost / 2)
     share = np.exp(np.array(support) - max(support))
     share *= sum(one.probability for one in rivals) / share.sum()
     left = [replace(one, probability=float(p)) for one, p in zip(rivals, share, strict=True) if p > UNLIKELY]
     return most_probable_first((*certain, *left))
 
 
-def _started(estimate: FlightEstimate, problem: Problem, rival: Believed) -> FlightEstimate:
-    """The estimate where the survey puts it without the positions that the rival disbelieves."""
-    doubted = rival.doubt.cameras if rival.doubt.claim is Claim.POSITION else ()
+def started(
+    estimate: FlightEstimate, problem: Problem, sites: dict[str, SiteCamera], doubts: Iterable[Believed]
+) -> FlightEstimate:
+    """The estimate where the survey puts it without the positions that are doubted.
+
+    Two are left of three: then it hangs on the line between them, and is turned about it to where pictures are level.
+    From upside down or askew no adjustment finds there, for a tripod that is lifted changes the shape no more than one
+    that is lowered.
+    """
+    doubted = {name for one in doubts if one.doubt.claim is Claim.POSITION for name in one.doubt.cameras}
     used = [
         index
         for index, prior in enumerate(problem.priors)
         if prior.centre_information.any() and prior.mean.id not in doubted
     ]
-    if len(used) < HOLD_A_FRAME:
-        return estimate
     centres = np.array([estimate.cameras[index].centre_enu for index in used])
-    surveyed = np.array([problem.priors[index].mean.centre_enu for index in used])
-    return turned(estimate, fit_similarity(centres, surveyed).similarity)
+    if len(used) >= HOLD_A_FRAME:
+        surveyed = np.array([problem.priors[index].mean.centre_enu for index in used])
+        return turned(estimate, fit_similarity(centres, surveyed).similarity)
+    return _levelled(estimate, sites, centres) if len(used) == 2 and doubted else estimate
+
+
+def _levelled(estimate: FlightEstimate, sites: dict[str, SiteCamera], centres: Array) -> FlightEstimate:
+    """The estimate turned about the line between two centres (2, 3) to where its pictures are level."""
+    along = (centres[1] - centres[0]) / np.linalg.norm(centres[1] - centres[0])
+
+    def at(angle_rad: float) -> FlightEstimate:
+        R = rotation(angle_rad * along)
+        return turned(estimate, Similarity(1.0, R, centres[0] - R @ centres[0]))
+
+    def support(angle_rad: float) -> float:
+        return log_likelihood(levels(at(angle_rad).cameras, sites).value)
+
+    best = max(ROLLS_RAD, key=lambda angle: (round(support(angle), 6), -abs(angle)))
+    return at(best) if support(best) > support(0.0) + np.log(LIKELIER) else estimate
 
 
 def turned(estimate: FlightEstimate, similarity: Similarity) -> FlightEstimate:

@@ -10,25 +10,26 @@ is no longer believed, little is lost, and where they do not, the sigma says so.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
+from scipy.linalg import block_diag
 
 from calib.adjustment.bundle import Adjusted, Problem
 from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.projection import centre_of
-from calib.adjustment.uncertainty import settled_covariance
 from calib.geometry.similarity import HOLD_A_FRAME
+from calib.observations import SiteCamera
 from calib.solving.doubts import Doubt, all_doubts, directions
-from calib.solving.survey_check import TESTABLE
+from calib.solving.level import SITES, levels
+from calib.solving.pixel_information import PixelInformation, PriorTest
 from edge.common.arrays import Array
 
 UNSURE: Final = 0.1  # probability that all is as claimed, below which it is not taken to be so
 UNLIKELY: Final = 0.02  # probability of a doubt, below which it is not allowed for
+BLUNDER_SIGMAS: Final = 10.0  # of what was claimed: so much off, the stated sigma is worth nothing
 CERTAIN: Final = 0.95  # probability from which on a doubt stands alone
 LARGEST_SIZE: Final = 0.05  # of a doubt's probability: the largest size that has as much is allowed for
 BEYOND_DOUBT: Final = 1e-6  # chance of priors being so strained, when nothing that people get wrong explains it
@@ -37,10 +38,19 @@ AT_ONCE: Final = 3  # things that are wrong at once, each hidden by the other
 
 @dataclass(frozen=True)
 class Believed:
-    """A doubt, in the largest size that is not unlikely, and how probable it is given what was seen."""
+    """A doubt, with the most room that is not unlikely, and how probable it is given what was seen.
+
+    likeliest: of all that are about the same; None if there is but one.
+    """
 
     doubt: Doubt
     probability: float
+    likeliest: Doubt | None = None
+
+    @property
+    def as_likeliest(self) -> "Believed":
+        """The same with as much room as is likeliest."""
+        return replace(self, doubt=self.likeliest or self.doubt)
 
 
 @dataclass(frozen=True)
@@ -74,93 +84,12 @@ class Strain:
         return f"(chi-square {self.statistic:.1f} of {self.freedom})"
 
 
-@dataclass(frozen=True)
-class PixelInformation:
-    """What the pixels alone say of the known unknowns, linearised where an adjustment has settled.
-
-    scale: (K',) sigmas as claimed, the units of the rest. information: (K', K'). pull: (K',) information times how far
-    the pixels' own estimate lies from the priors' means.
-    """
-
-    scale: Array
-    information: Array
-    pull: Array
-
-    @classmethod
-    def of(cls, adjusted: Adjusted, problem: Problem) -> "PixelInformation":
-        """From an adjustment, whatever its priors claimed: their part is taken out again."""
-        prior = problem.prior
-        scale = np.sqrt(np.diag(prior.claimed))
-        at = np.ix_(prior.known, prior.known)
-        both = np.linalg.inv(settled_covariance(adjusted, problem)[at] / np.outer(scale, scale))
-        away = prior.deviation(adjusted.estimate.cameras)[prior.known] / scale
-        by_prior = np.linalg.inv(prior.covariance / np.outer(scale, scale))
-        return cls(scale, both - by_prior, both @ away)
-
-    def about(self, chosen: NDArray[np.bool_], claimed: Array) -> "PixelInformation":
-        """What they say of some unknowns (K',), where the others are as claimed (K', K') and independent of these."""
-        rest = ~chosen
-        others = self.information[np.ix_(rest, rest)]
-        others = others + np.linalg.inv(claimed[np.ix_(rest, rest)] / np.outer(self.scale[rest], self.scale[rest]))
-        carried = np.linalg.solve(others, self.information[np.ix_(rest, chosen)]).T
-        information = self.information[np.ix_(chosen, chosen)] - carried @ self.information[np.ix_(rest, chosen)]
-        return PixelInformation(self.scale[chosen], information, self.pull[chosen] - carried @ self.pull[rest])
-
-    def against(self, covariance: Array) -> "PriorTest":
-        """How far priors of this covariance (K', K') are off, in the directions that the pixels know.
-
-        In units of such a prior (P^-1 = L^-T L^-1) an adjustment moves it by z = L' h, with covariance
-        W = 1 - L' C L. Along an eigenvector of W the prior is off by z / w, known with a variance of 1 / w.
-        """
-        root = np.linalg.cholesky(np.linalg.inv(covariance / np.outer(self.scale, self.scale)))
-        adjusted = np.linalg.inv(self.information + root @ root.T)
-        values, vectors = np.linalg.eigh(np.eye(len(root)) - root.T @ (adjusted + adjusted.T) @ root / 2)
-        tested = values > TESTABLE
-        values, vectors = values[tested], vectors[:, tested]
-        moved = vectors.T @ (root.T @ (adjusted @ self.pull))
-        return PriorTest(moved / values, 1 / values, (root @ vectors) / self.scale[:, None])
-
-
-@dataclass(frozen=True)
-class PriorTest:
-    """Priors against pixels: how far off (k,), with which variance (k,), and (K', k) what brings any further
-    covariance of the priors into that frame.
-    """
-
-    off: Array
-    variance: Array
-    frame: Array
-
-    @property
-    def freedom(self) -> int:
-        """k: 0 if the pixels know too little to test anything."""
-        return len(self.off)
-
-    @property
-    def statistic(self) -> float:
-        """Chi-square with k degrees of freedom, if the priors are as good as they say."""
-        return float((self.off**2 / self.variance).sum())
-
-    @property
-    def p_value(self) -> float:
-        """The chance of priors that are as good as they say looking so strained."""
-        return float(stats.chi2.sf(self.statistic, self.freedom)) if self.freedom else 1.0
-
-    def log_likelihood(self, parts: Array) -> float:
-        """Of what was seen, if the priors' covariance is larger by parts @ parts.T; parts: (K', r)."""
-        within = self.frame.T @ parts
-        weighted = within / self.variance[:, None]
-        inner = np.eye(parts.shape[1]) + within.T @ weighted
-        pull = weighted.T @ self.off
-        quadratic = self.statistic - float(pull @ np.linalg.solve(inner, pull))
-        return -0.5 * (quadratic + float(np.log(self.variance).sum() + np.linalg.slogdet(inner)[1]))
-
-
-def strain(adjusted: Adjusted, problem: Problem) -> Strain:
+def strain(adjusted: Adjusted, problem: Problem, sites: dict[str, SiteCamera]) -> Strain:
     """Test what survey, lens files and clocks claim, and weigh what may be wrong with them."""
     if not problem.prior.known.any():
         return Strain(0.0, 0, 1.0, (), 1.0)
-    return Weighing(problem.prior, PixelInformation.of(adjusted, problem)).strain()
+    level = levels(adjusted.estimate.cameras, sites)
+    return Weighing(problem.prior, PixelInformation.beside(adjusted, problem, level)).strain()
 
 
 def survey_test(adjusted: Adjusted, problem: Problem) -> PriorTest | None:
@@ -187,7 +116,10 @@ def widening(doubts: tuple[Believed, ...], prior: JointPrior) -> Array:
 
 @dataclass(frozen=True)
 class Weighing:
-    """What priors claim, and what the pixels alone say of it: which doubts are likely."""
+    """What priors claim, and what the pixels alone say of it: which doubts are likely.
+
+    seen: of the known unknowns, and then of how level each picture is, of as many as that is known of.
+    """
 
     prior: JointPrior
     seen: PixelInformation
@@ -200,8 +132,7 @@ class Weighing:
 
     def strain(self) -> Strain:
         """The test of the priors as claimed, and what is doubted: a cause at a time, each hidden by the one before."""
-        claimed = self.seen.against(self.prior.claimed)
-        allowed = claimed
+        allowed = self.prior.claimed
         doubts: tuple[Believed, ...] = ()
         for _ in range(AT_ONCE):
             more = self._likely(allowed)
@@ -209,28 +140,53 @@ class Weighing:
                 break
             doubts = (*doubts, *more)
             known = np.ix_(self.prior.known, self.prior.known)
-            allowed = self.seen.against(self.prior.claimed + widening(doubts, self.prior)[known])
-        return Strain(claimed.statistic, claimed.freedom, claimed.p_value, doubts, allowed.p_value)
+            allowed = self.prior.claimed + widening(doubts, self.prior)[known]
+        seen = self.seen.first(len(allowed))
+        claimed = seen.against(self.prior.claimed)
+        return Strain(claimed.statistic, claimed.freedom, claimed.p_value, doubts, seen.against(allowed).p_value)
 
-    def posterior(self, tested: PriorTest) -> tuple[float, dict[Doubt, float]]:
-        """How probable it is that all is as claimed, and how probable each doubt, given what was seen: 1 together."""
-        as_claimed = tested.log_likelihood(np.zeros((len(tested.frame), 1)))
-        support = [np.log(d.odds) + tested.log_likelihood(parts) - as_claimed for d, parts in self._parts.items()]
-        every = np.array([0.0, *support])
+    def posterior(self, covariance: Array) -> tuple[float, dict[Doubt, float]]:
+        """How probable it is that priors of this covariance (K', K') are right, and how probable each doubt beside
+        it, given what was seen: 1 together.
+        """
+        pictures = len(self.seen.scale) - len(covariance)
+        tested = self.seen.against(block_diag(covariance, SITES[0][0] ** 2 * np.eye(pictures)))
+        support = [_support(tested, np.zeros((len(covariance), 1)), pictures)]
+        for doubt, parts in self._parts.items():
+            support.append(np.log(doubt.odds) + _support(tested, parts, pictures))
+        every = np.array(support)
         probability = np.exp(every - every.max())
         nothing, *each = (probability / probability.sum()).tolist()
         return nothing, dict(zip(self._parts, each, strict=True))
 
-    def _likely(self, tested: PriorTest) -> tuple[Believed, ...]:
-        """What is not unlikely, if it is likely that something is wrong; nothing otherwise.
+    def _likely(self, covariance: Array) -> tuple[Believed, ...]:
+        """What is not unlikely, if it is likely that something is wrong; otherwise only blunders that are not unlikely.
 
         Everything, where each is as unlikely as all the others.
         """
-        as_claimed, probability = self.posterior(tested)
+        as_claimed, probability = self.posterior(covariance)
         if as_claimed > UNSURE:
-            return ()
+            every = list(_of_any_size({one: p for one, p in probability.items() if self._is_blunder(one)}))
+            return most_probable_first(one for one in every if one.probability > UNLIKELY)
         every = list(_of_any_size(probability))
         return most_probable_first([one for one in every if one.probability > UNLIKELY] or every)
+
+    def _is_blunder(self, doubt: Doubt) -> bool:
+        """Whether it is so large beside what was claimed that no stated sigma would cover it."""
+        off = np.sqrt((self._parts[doubt] ** 2).sum(axis=1) / np.diag(self.prior.claimed))
+        return bool(off.max() >= BLUNDER_SIGMAS)
+
+
+def _support(tested: PriorTest, parts: Array, pictures: int) -> float:
+    """Log likelihood of what was seen if priors are off by parts (K', r) more, however level the site's pictures are.
+
+    tested: the priors, and after them each picture's roll as on the most level of sites.
+    """
+    each = []
+    for askew_rad, share in SITES:
+        more_rad = np.sqrt(askew_rad**2 - SITES[0][0] ** 2)
+        each.append(np.log(share) + tested.log_likelihood(block_diag(parts, more_rad * np.eye(pictures))))
+    return float(np.logaddexp.reduce(each))
 
 
 def _of_any_size(probability: dict[Doubt, float]) -> Iterator[Believed]:
@@ -240,7 +196,8 @@ def _of_any_size(probability: dict[Doubt, float]) -> Iterator[Believed]:
         about.setdefault(doubt.about, {})[doubt] = own
     for sizes in about.values():
         total = sum(sizes.values())
-        yield Believed(max((d for d in sizes if sizes[d] >= LARGEST_SIZE * total), key=lambda d: d.size), total)
+        widest = max((d for d in sizes if sizes[d] >= LARGEST_SIZE * total), key=lambda d: d.room)
+        yield Believed(widest, total, max(sizes, key=lambda d: (round(sizes[d], 6), d.room)))
 
 
 def most_probable_first(doubts: Iterable[Believed]) -> tuple[Believed, ...]:

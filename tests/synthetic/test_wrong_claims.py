@@ -13,8 +13,10 @@ from calib.observations import Scene
 from calib.simulation.description import CameraSpec, LensFault, ObjectSpec, Roam, Simulation
 from calib.simulation.simulation import Simulated
 from calib.solving.found import Cause
+from calib.solving.solve import SolveOptions, solve
 from edge.common.arrays import Array
 from tests.synthetic.solving import Solved, assert_right, solved
+from tools.doubles.hazards.kinds import draw
 
 FOCAL_PX, SIZE_PX = 1000.0, (1920, 1080)
 TRUE = (FOCAL_PX, FOCAL_PX, 960.0, 540.0)
@@ -92,6 +94,35 @@ def test_a_height_above_the_sea_in_one_of_three_is_refused_and_nobody_named(seed
         solved(around(3, seed, survey_error_m=height))
     words = str(refused.value)
     assert "nobody can tell where" in words or "cannot be told apart" in words
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_a_height_that_leaves_the_shape_of_three_is_found_by_how_level_the_pictures_are(seed: int) -> None:
+    """24 m in a triangle of 170 m: two sides are 1 % longer, which lens files of 1 % explain, and the world leans."""
+    described = around(3, seed, survey_error_m=of_one((0.0, 0.0, -24.0), (0.0, 0.0, 0.0)))
+    try:
+        found = solved(described)
+    except CalibrationError as refusal:
+        assert "of cam1 is off" in str(refusal)  # noqa: PT017 - one of the two is right, and the seed decides
+        return
+    assert (Cause.POSITION, ("cam1",)) in named(found)
+    assert_right(found)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_where_pictures_are_askew_anyway_they_accuse_nobody(seed: int) -> None:
+    found = solved(around(3, seed, roll_deg=lambda k: (-12.0, 7.0, 9.0)[k]))
+    assert found.solution.report.findings == ()
+    assert_right(found)
+
+
+def test_a_survey_that_makes_an_innocent_camera_look_wrong_is_doubted_before_the_camera() -> None:
+    """29 m too low, cam1 bends three cameras so that cam0 fits them no more, as it did before the survey came in."""
+    scene = draw("height_msl_one_of_4", "choose", 0, 2).simulated.scene
+    solution = solve(scene, SolveOptions())
+    assert {camera.id for camera in solution.network.cameras} == {"cam0", "cam1", "cam2", "cam3"}
+    found = [(one.cause, one.cameras) for one in solution.report.findings]
+    assert found == [(Cause.POSITION, ("cam1",))]
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -15,6 +15,7 @@ from calib.geodesy import Origin, geodetic_to_enu, mean_position
 from calib.observations import SiteCamera
 from calib.station.config import UNSTATED_SIGMA_M, Geodetic, Sigmas
 from calib.station.core import site_extent
+from calib.station.core.coordinates import as_written
 from edge.common import settings
 from edge.common.errors import ConfigError, LensError
 from edge.lens import LensModel, LensName, check_lens_name
@@ -105,11 +106,12 @@ def _site_camera(camera: _Camera, origin: Origin, path: Path) -> SiteCamera:
     except LensError as error:
         raise ConfigError(error.what, where=f"{path}: camera {camera.id}", action=error.action) from error
     up = np.array(camera.up_cam, float) if camera.up_cam else None
+    sigma_m = as_written(camera.position, camera.position_sigma) if camera.position else None
     return SiteCamera(
         id=camera.id,
         lens=lens,
         position_enu=geodetic_to_enu(np.array(camera.position), origin)[0] if camera.position else None,
-        position_covariance=np.diag(np.square(camera.position_sigma)) if camera.position else None,
+        position_covariance=None if sigma_m is None else np.diag(np.square(sigma_m)),
         clock_bound_s=camera.clock_bound_s,
         readout_s=camera.readout_s,
         up_cam=None if up is None else up / np.linalg.norm(up),

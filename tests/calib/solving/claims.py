@@ -9,7 +9,7 @@ from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.priors import FIXED, FREE, CameraPrior
 from calib.adjustment.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT
 from calib.network import Camera
-from calib.solving.strain import PixelInformation
+from calib.solving.pixel_information import PixelInformation
 from edge.common.arrays import Array
 from edge.lens import LensModel
 from tools.doubles.survey_network import draw

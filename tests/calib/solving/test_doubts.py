@@ -42,9 +42,9 @@ def test_every_hypothesis_stands_once(cameras: int) -> None:
 def test_a_good_site_is_far_more_probable_than_a_bad_one(cameras: int) -> None:
     """Odds of something being wrong with a camera add up over the cameras, and over nothing else."""
     total = sum(one.odds for one in all_doubts(priors(cameras)))
-    by_camera = 3 * USUAL_ODDS + RARE_ODDS
+    by_camera = 4 * USUAL_ODDS + RARE_ODDS  # position, height, lens, clock; distortion
     of_all = 2 * USUAL_ODDS + RARE_ODDS + USUAL_ODDS + RARE_ODDS + USUAL_ODDS  # the last: of everything
-    pairs = RARE_ODDS if cameras <= MOST_PAIRED else 0.0
+    pairs = 2 * RARE_ODDS if cameras <= MOST_PAIRED else 0.0
     assert total == pytest.approx(cameras * by_camera + of_all + pairs)
 
 
@@ -72,7 +72,7 @@ def test_cameras_of_other_types_are_not_off_together() -> None:
     other = prior("c")
     lens = replace(other.mean.lens, intrinsics=(1500.0, 1500.0, 960.0, 540.0))
     mixed = JointPrior((prior("a"), prior("b"), replace(other, mean=replace(other.mean, lens=lens))))
-    assert {one.cameras for one in all_doubts(mixed) if one.together} == {("a", "b")}
+    assert {one.cameras for one in all_doubts(mixed) if one.together and one.claim is Claim.LENS} == {("a", "b")}
     assert ("a", "b", "c") in {one.cameras for one in all_doubts(mixed) if one.claim is Claim.LENS}
 
 
@@ -82,6 +82,13 @@ def test_a_position_is_off_by_as_much_in_each_axis(size: float, camera: str) -> 
     at = centre_of("abcd".index(camera))
     assert added[at, at] == pytest.approx(np.eye(3) * size**2)
     assert np.count_nonzero(added) == 3
+
+
+def test_a_height_is_off_and_nothing_else_of_the_position() -> None:
+    added = covariance(Doubt(Claim.POSITION, ("b", "c"), 30.0, 1.0, together=True, vertical=True), priors(4))
+    up = [centre_of(index).stop - 1 for index in (1, 2)]
+    assert added[np.ix_(up, up)] == pytest.approx(np.full((2, 2), 900.0))  # by the same: the geoid's height there
+    assert np.count_nonzero(added) == 4
 
 
 def test_two_positions_are_off_each_by_itself() -> None:

@@ -14,13 +14,13 @@ from calib.adjustment.uncertainty import camera_covariance
 from calib.simulation.simulation import simulate
 from calib.solving.doubts import Claim, Doubt, directions
 from calib.solving.initial_estimate import from_network
-from calib.solving.inputs import prepare
+from calib.solving.inputs import Inputs, prepare
+from calib.solving.pixel_information import PixelInformation
 from calib.solving.refine import Refined, refine
 from calib.solving.strain import (
     CERTAIN,
     UNLIKELY,
     Believed,
-    PixelInformation,
     Weighing,
     most_probable_first,
     strain,
@@ -29,6 +29,8 @@ from calib.solving.strain import (
 from edge.common.arrays import Array
 from tests.calib.flights import site
 from tests.calib.solving.claims import Site, priors
+
+GOOD = site(offsets_s=(0.0,) * 4, duration_s=40.0, frame_rate_hz=10.0)
 
 
 def random_covariance(rng: np.random.Generator, size: int) -> Array:
@@ -118,7 +120,7 @@ def test_probabilities_add_up_with_as_claimed_among_them() -> None:
         off = np.zeros(len(drawn.prior.known))
         off[centre_of(1)] = off_m
         seen = drawn.seen(rng, off)
-        as_claimed, doubts = Weighing(drawn.prior, seen).posterior(seen.against(drawn.prior.claimed))
+        as_claimed, doubts = Weighing(drawn.prior, seen).posterior(drawn.prior.claimed)
         assert as_claimed + sum(doubts.values()) == pytest.approx(1.0)
         assert min(doubts.values()) >= 0.0
 
@@ -209,11 +211,15 @@ def test_widening_adds_the_squares(sizes: list[float]) -> None:
 
 
 @pytest.fixture(scope="module")
-def refined() -> Refined:
-    """A good site, adjusted."""
-    truth = simulate(site(offsets_s=(0.0,) * 4, duration_s=40.0, frame_rate_hz=10.0))
-    inputs = prepare(truth.scene)
-    return refine(inputs, from_network(inputs, truth.network), 0.5)
+def inputs() -> Inputs:
+    """Of a good site."""
+    return prepare(simulate(GOOD).scene)
+
+
+@pytest.fixture(scope="module")
+def refined(inputs: Inputs) -> Refined:
+    """It, adjusted."""
+    return refine(inputs, from_network(inputs, simulate(GOOD).network), 0.5)
 
 
 def test_what_pixels_say_does_not_depend_on_what_was_believed_beforehand(refined: Refined) -> None:
@@ -231,8 +237,8 @@ def test_what_pixels_say_does_not_depend_on_what_was_believed_beforehand(refined
     assert there.statistic == pytest.approx(here.statistic, rel=0.05)
 
 
-def test_a_good_site_is_as_claimed(refined: Refined) -> None:
-    found = strain(refined.adjusted, refined.problem)
+def test_a_good_site_is_as_claimed(refined: Refined, inputs: Inputs) -> None:
+    found = strain(refined.adjusted, refined.problem, inputs.sites)
     assert found.doubts == ()
     assert found.p_value > 1e-3
     assert found.p_value_allowed == found.p_value
@@ -248,10 +254,10 @@ def test_an_adjusted_position_moves_by_less_than_it_may(refined: Refined) -> Non
     assert np.linalg.eigvalsh(shrunk)[0] > -1e-6
 
 
-def test_where_nothing_is_known_nothing_is_strained(refined: Refined) -> None:
+def test_where_nothing_is_known_nothing_is_strained(refined: Refined, inputs: Inputs) -> None:
     free = tuple(
         replace(one, sigma=np.full(CAMERA_SIZE, np.inf), centre_information=np.zeros((3, 3)))
         for one in refined.problem.priors
     )
-    found = strain(refined.adjusted, replace(refined.problem, priors=free))
+    found = strain(refined.adjusted, replace(refined.problem, priors=free), inputs.sites)
     assert (found.statistic, found.freedom, found.p_value, found.doubts) == (0.0, 0, 1.0, ())

@@ -15,10 +15,10 @@ from calib.adjustment.projection import CAMERA_SIZE, CENTRE
 from calib.errors import CalibrationError
 from calib.network import Camera
 from calib.simulation.simulation import simulate
+from calib.solving.pixel_information import PriorTest
 from calib.solving.prediction import directions, predict
 from calib.solving.solution import Solution
 from calib.solving.solve import SolveOptions, solve
-from calib.solving.strain import PriorTest
 from calib.station.archive.scene_file import load, located
 from calib.station.report import HTML, JSON, Summary, summarise, to_html, write_report
 from calib.station.report.grade import GRADES, SIGMA_M, grade_of

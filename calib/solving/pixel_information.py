@@ -1,0 +1,129 @@
+"""What the pixels alone say of what survey, lens files and clocks claim, and how likely that is under any claim.
+
+The hazard is the answer that has already given way: an adjusted position is a compromise between pixels and survey, and
+tells neither. So the priors' part is taken out of a settled adjustment again; what is left can be held against any
+covariance of the priors without adjusting anew.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from calib.adjustment.bundle import Adjusted, Problem
+from calib.adjustment.uncertainty import settled_covariance
+from calib.solving.survey_check import TESTABLE
+from edge.common.arrays import Array
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Quantities that follow from an adjustment. value: (M,); derivative: (M, 14 C); sigma: (M,) their units."""
+
+    value: Array
+    derivative: Array
+    sigma: Array
+
+    @classmethod
+    def nothing(cls, unknowns: int) -> "Beside":
+        """None of them."""
+        return cls(np.empty(0), np.empty((0, unknowns)), np.empty(0))
+
+
+@dataclass(frozen=True)
+class PixelInformation:
+    """What the pixels alone say of the known unknowns, linearised where an adjustment has settled.
+
+    scale: (K',) sigmas as claimed, the units of the rest. information: (K', K'). pull: (K',) information times how far
+    the pixels' own estimate lies from the priors' means.
+    """
+
+    scale: Array
+    information: Array
+    pull: Array
+
+    @classmethod
+    def of(cls, adjusted: Adjusted, problem: Problem) -> "PixelInformation":
+        """From an adjustment, whatever its priors claimed: their part is taken out again."""
+        return cls.beside(adjusted, problem, Beside.nothing(len(problem.prior.known)))
+
+    @classmethod
+    def beside(cls, adjusted: Adjusted, problem: Problem, more: "Beside") -> "PixelInformation":
+        """The same with further quantities after the known unknowns, K' + M of them, that no prior claimed."""
+        prior = problem.prior
+        scale = np.concatenate([np.sqrt(np.diag(prior.claimed)), more.sigma])
+        derivative = np.vstack([np.eye(len(prior.known))[prior.known], more.derivative]) / scale[:, None]
+        both = np.linalg.inv(derivative @ settled_covariance(adjusted, problem) @ derivative.T)
+        away = np.concatenate([prior.deviation(adjusted.estimate.cameras)[prior.known], more.value]) / scale
+        known = slice(0, len(prior.covariance))
+        pixels = both.copy()
+        pixels[known, known] -= np.linalg.inv(prior.covariance / np.outer(scale[known], scale[known]))
+        return cls(scale, pixels, both @ away)
+
+    def about(self, chosen: NDArray[np.bool_], claimed: Array) -> "PixelInformation":
+        """What they say of some unknowns (K',), where the others are as claimed (K', K') and independent of these."""
+        rest = ~chosen
+        others = self.information[np.ix_(rest, rest)]
+        others = others + np.linalg.inv(claimed[np.ix_(rest, rest)] / np.outer(self.scale[rest], self.scale[rest]))
+        carried = np.linalg.solve(others, self.information[np.ix_(rest, chosen)]).T
+        information = self.information[np.ix_(chosen, chosen)] - carried @ self.information[np.ix_(rest, chosen)]
+        return PixelInformation(self.scale[chosen], information, self.pull[chosen] - carried @ self.pull[rest])
+
+    def first(self, count: int) -> "PixelInformation":
+        """What they say of the first unknowns, where nothing else is known of the others."""
+        if count == len(self.scale):
+            return self
+        of, rest = slice(0, count), slice(count, None)
+        carried = np.linalg.solve(self.information[rest, rest], self.information[rest, of]).T
+        information = self.information[of, of] - carried @ self.information[rest, of]
+        return PixelInformation(self.scale[of], information, self.pull[of] - carried @ self.pull[rest])
+
+    def against(self, covariance: Array) -> "PriorTest":
+        """How far priors of this covariance (K', K') are off, in the directions that the pixels know.
+
+        In units of such a prior (P^-1 = L^-T L^-1) an adjustment moves it by z = L' h, with covariance
+        W = 1 - L' C L. Along an eigenvector of W the prior is off by z / w, known with a variance of 1 / w.
+        """
+        root = np.linalg.cholesky(np.linalg.inv(covariance / np.outer(self.scale, self.scale)))
+        adjusted = np.linalg.inv(self.information + root @ root.T)
+        values, vectors = np.linalg.eigh(np.eye(len(root)) - root.T @ (adjusted + adjusted.T) @ root / 2)
+        tested = values > TESTABLE
+        values, vectors = values[tested], vectors[:, tested]
+        moved = vectors.T @ (root.T @ (adjusted @ self.pull))
+        return PriorTest(moved / values, 1 / values, (root @ vectors) / self.scale[:, None])
+
+
+@dataclass(frozen=True)
+class PriorTest:
+    """Priors against pixels: how far off (k,), with which variance (k,), and (K', k) what brings any further
+    covariance of the priors into that frame.
+    """
+
+    off: Array
+    variance: Array
+    frame: Array
+
+    @property
+    def freedom(self) -> int:
+        """k: 0 if the pixels know too little to test anything."""
+        return len(self.off)
+
+    @property
+    def statistic(self) -> float:
+        """Chi-square with k degrees of freedom, if the priors are as good as they say."""
+        return float((self.off**2 / self.variance).sum())
+
+    @property
+    def p_value(self) -> float:
+        """The chance of priors that are as good as they say looking so strained."""
+        return float(stats.chi2.sf(self.statistic, self.freedom)) if self.freedom else 1.0
+
+    def log_likelihood(self, parts: Array) -> float:
+        """Of what was seen, if the priors' covariance is larger by parts @ parts.T; parts: (K', r)."""
+        within = self.frame.T @ parts
+        weighted = within / self.variance[:, None]
+        inner = np.eye(parts.shape[1]) + within.T @ weighted
+        pull = weighted.T @ self.off
+        quadratic = self.statistic - float(pull @ np.linalg.solve(inner, pull))
+        return -0.5 * (quadratic + float(np.log(self.variance).sum() + np.linalg.slogdet(inner)[1]))
