@@ -8,8 +8,8 @@ good, none is.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,8 @@ from edge.common.arrays import Array
 
 SUSPICIOUS_MISFIT: Final = 0.08  # of the cameras' spread: a scaffold on unrefined lenses misses its survey by a few %
 CURE: Final = 0.35  # an explanation that shrinks the misfit below this share of it has explained it
+ROUGH: Final = 0.03  # of the cameras' spread: below it no other order of the positions says anything
+OUTDONE: Final = 8.0  # times the misfit of another order of the positions: then it was that order
 AS_GOOD: Final = 1.5  # times the best explanation's misfit
 LOOSEST_ROLL_RAD: Final = 0.05  # 5 m at 100 m: beyond it a line of cameras is no survey
 OVERTURNED: Final = "as it is surveyed the cameras hang upside down and what flies is under the ground"
@@ -91,13 +93,15 @@ class _Survey:
         """The survey as it is, or what explains it better. Raises CalibrationError if nothing does, or too much."""
         as_it_is = self._explanation("", self.source, self.target)
         spread_m = float(np.sqrt(((self.target - self.target.mean(0)) ** 2).sum(1).mean()))
-        fits = as_it_is.misfit_m <= SUSPICIOUS_MISFIT * spread_m or len(self.names) < HOLD_A_FRAME + 1
-        if as_it_is.upright and fits:
+        rough_m = SUSPICIOUS_MISFIT * spread_m
+        fits = as_it_is.misfit_m <= rough_m or len(self.names) < HOLD_A_FRAME + 1
+        limit_m = rough_m if fits else min(CURE * as_it_is.misfit_m, 2 * rough_m)
+        found = [one for one in (*self._exchanged(limit_m), *self._mirrored(limit_m)) if one.upright]
+        best_m = min((one.misfit_m for one in found), default=np.inf)
+        outdone = as_it_is.misfit_m > max(ROUGH * spread_m, OUTDONE * best_m)
+        if as_it_is.upright and fits and not outdone:
             return Georeference(as_it_is.fit.similarity)
-        limit_m = SUSPICIOUS_MISFIT * spread_m if fits else CURE * as_it_is.misfit_m
-        found = [one for one in (*self._exchanged(), *self._mirrored()) if one.upright and one.misfit_m <= limit_m]
-        best_m = min((one.misfit_m for one in found), default=0.0)
-        found = [one for one in found if one.misfit_m <= max(AS_GOOD * best_m, SUSPICIOUS_MISFIT * spread_m / 2)]
+        found = _simplest([one for one in found if one.misfit_m <= max(AS_GOOD * best_m, rough_m / 2)])
         if not found and not fits:
             left_out = [one for one in self._one_wrong() if one.upright and one.misfit_m <= limit_m]
             found = sorted(left_out, key=lambda one: one.misfit_m)[:1]  # a place to start from; the adjustment judges
@@ -119,13 +123,19 @@ class _Survey:
         apart = "" if len(found) == 1 else "; these cannot be told apart"
         raise ContradictionError(f"{how}: {which}{apart}", where="georeferencing", action="correct it and solve again")
 
-    def _exchanged(self) -> Iterator[_Explanation]:
-        for i, j in combinations(range(len(self.names)), 2):
-            order = np.arange(len(self.names))
-            order[[i, j]] = order[[j, i]]
-            pair = (self.names[i], self.names[j])
-            words = f"the positions of {pair[0]} and {pair[1]} are exchanged"
-            yield self._explanation(words, self.source, self.target[order], pair)
+    def _exchanged(self, limit_m: float) -> Iterator[_Explanation]:
+        """Two positions exchanged, or three in a circle (files renamed one after the other), where that fits."""
+        for count in (2, 3):
+            for first, *others in combinations(range(len(self.names)), count):
+                for circle in ((first, *rest) for rest in permutations(others)):
+                    order = np.arange(len(self.names))
+                    order[list(circle)] = np.roll(circle, 1)
+                    who = tuple(self.names[index] for index in sorted(circle))
+                    how = "are exchanged" if count == 2 else "are exchanged in a circle"
+                    words = f"the positions of {', '.join(who[:-1])} and {who[-1]} {how}"
+                    if rms(fit_similarity(self.source, self.target[order]).residual) <= limit_m:
+                        found = self._explanation(words, self.source, self.target[order], who)
+                        yield replace(found, mends_survey=count == 2)
 
     def _one_wrong(self) -> Iterator[_Explanation]:
         for index, name in enumerate(self.names):
@@ -133,10 +143,11 @@ class _Survey:
             words = f"the position of {name} is wrong"
             yield self._explanation(words, self.source[keep], self.target[keep], (name,))
 
-    def _mirrored(self) -> Iterator[_Explanation]:
+    def _mirrored(self, limit_m: float) -> Iterator[_Explanation]:
         for words, mirror in MIRRORS.items():
             fit = fit_similarity(self.source @ mirror, self.target)
-            yield _Explanation(words, fit, self._upright(fit.similarity, mirror), mends_survey=False)
+            if rms(fit.residual) <= limit_m:
+                yield _Explanation(words, fit, self._upright(fit.similarity, mirror), mends_survey=False)
 
     def _explanation(self, words: str, source: Array, target: Array, who: tuple[str, ...] = ()) -> _Explanation:
         fit = fit_similarity(source, target)
@@ -149,6 +160,12 @@ class _Survey:
         attitudes = [mirror @ pose.R @ mirror @ similarity.rotation.T for pose in poses.values()]
         centres = similarity.apply(np.array([pose.centre for pose in poses.values()]) @ mirror)
         return not upside_down(attitudes, centres, similarity.apply(self.scaffold.points @ mirror))
+
+
+def _simplest(found: list[_Explanation]) -> list[_Explanation]:
+    """Two exchanged, rather than three, which on a regular site is the same in a world that is turned."""
+    simple = [one for one in found if len(one.disbelieved) < HOLD_A_FRAME]
+    return simple or found
 
 
 def _roll_sigma_rad(positions: Array, cameras: list[SiteCamera]) -> float:
