@@ -197,7 +197,8 @@ def trajectory_of(adjusted: Adjusted, problem: Problem, t_mid_unix_ns: int) -> T
     times, stretches, counts = [], [], []
     for piece in range(len(estimate.flight.start_s)):
         instants = _instants(estimate.flight, piece, offset_s)
-        seeing = _cameras_at(instants, int(estimate.flight.target[piece]), seen)
+        between = (estimate.flight.start_s[piece], estimate.flight.end_s[piece])
+        seeing = _cameras_at(instants, int(estimate.flight.target[piece]), between, seen)
         times.append(instants[seeing >= 2])
         stretches.append(np.full(int((seeing >= 2).sum()), piece))
         counts.append(seeing[seeing >= 2])
@@ -223,10 +224,17 @@ def _instants(flight: Flight, stretch: int, offset_s: float) -> Array:
     return np.arange(first, last + 1) / ROWS_PER_S + offset_s
 
 
-def _cameras_at(t_s: Array, target: int, seen: list[tuple[Array, CameraData]]) -> NDArray[np.int64]:
-    """(M,) how many cameras have a row of the object within SEEN_WITHIN_S of each time."""
+def _cameras_at(
+    t_s: Array, target: int, between: tuple[float, float], seen: list[tuple[Array, CameraData]]
+) -> NDArray[np.int64]:
+    """(M,) how many cameras have a row of the object within SEEN_WITHIN_S of each time.
+
+    None before its first row in that stretch of flight or after its last: what comes then, nobody saw.
+    """
     count = np.zeros(len(t_s), np.int64)
     for site, data in seen:
-        own = np.sort(site[data.target == target])
-        count += gap_to_nearest_s(t_s, own) <= SEEN_WITHIN_S
+        own = np.sort(site[(data.target == target) & (site >= between[0]) & (site <= between[1])])
+        if len(own):
+            within = (t_s >= own[0]) & (t_s <= own[-1])
+            count += within & (gap_to_nearest_s(t_s, own) <= SEEN_WITHIN_S)
     return count
