@@ -70,10 +70,22 @@ def too_few_poses(
         return CalibrationError(apart.what, where="georeferencing", action=apart.cure)
     known = scaffold.known
     whys = [_why(name, known, inputs, tracks, offsets) for name in unposed]
+    if len(whys) == 1 and len(surveyed) == HOLD_A_FRAME and whys[0].cause is Cause.TRACKS and not whys[0].shown:
+        return _one_of_three(surveyed, whys[0])
     return CalibrationError(
         f"{posed} of {len(surveyed)} surveyed cameras have a pose, three must: " + "; ".join(why.what for why in whys),
         where="georeferencing",
         action="; ".join(why.cure for why in whys if why.cure) or DO_THAT,
+    )
+
+
+def _one_of_three(surveyed: list[str], why: Why) -> CalibrationError:
+    """Two cameras nearly always fit somehow: that the third fits neither of them may be the fault of any."""
+    return CalibrationError(
+        f"one of {', '.join(surveyed[:-1])} and {surveyed[-1]} does not fit the other two, and which cannot be told: "
+        f"if those are right, {why.what}",
+        where="georeferencing",
+        action="check what each of them detects, its track numbers and its clock, or add a fourth camera",
     )
 
 

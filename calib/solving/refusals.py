@@ -17,6 +17,7 @@ from calib.solving.strain import BEYOND_DOUBT, Strain
 from calib.solving.upright import upside_down
 
 ABSURD_SHARE: Final = 0.3  # of the distance, one sigma: a solution that open is none
+FARTHEST_M: Final = 50e3  # from the cameras: beyond it, nothing that flies is more than a speck
 FLY_WIDER: Final = "fly a path with more width and height that at least three cameras see together"
 
 
@@ -25,6 +26,12 @@ def refuse(network: Network, trajectory: Trajectory, inputs: Inputs, strained: S
     _refuse_strained(network, strained)
     _refuse_overturned(network, trajectory, inputs)
     _refuse_absurd(network, trajectory, strained)
+
+
+def _distance_m(network: Network, trajectory: Trajectory) -> float:
+    """Median, of what was flown from the middle of the cameras."""
+    middle = np.mean([camera.centre_enu for camera in network.cameras], axis=0)
+    return float(np.median(np.linalg.norm(trajectory.points_enu - middle, axis=1)))
 
 
 def open_share(network: Network, trajectory: Trajectory) -> float:
@@ -69,6 +76,13 @@ def _refuse_absurd(network: Network, trajectory: Trajectory, strained: Strain | 
     if len(trajectory.points_enu) == 0:
         raise CalibrationError("no two cameras see the object at once", where=network.site, action=FLY_WIDER)
     share = open_share(network, trajectory)
+    far_m = _distance_m(network, trajectory)
+    if far_m > FARTHEST_M:
+        raise UndeterminedError(
+            f"the rays of all cameras are as good as parallel: they would meet {far_m / 1e3:.0f} km away",
+            where=network.site,
+            action="stand the cameras farther apart, or fly nearer to them",
+        )
     if share < ABSURD_SHARE:
         return
     if strained is not None and strained.doubts:

@@ -15,7 +15,7 @@ from calib.geodesy import Origin, geodetic_to_enu, mean_position
 from calib.observations import SiteCamera
 from calib.station.config import UNSTATED_SIGMA_M, Geodetic, Sigmas
 from calib.station.core import site_extent
-from calib.station.core.coordinates import as_written
+from calib.station.core.coordinates import Written
 from edge.common import settings
 from edge.common.errors import ConfigError, LensError
 from edge.lens import LensModel, LensName, check_lens_name
@@ -83,7 +83,13 @@ def load(path: Path) -> tuple[str, Origin, tuple[SiteCamera, ...]]:
     """Name, origin and cameras of a site file. Raises ConfigError as `read` does."""
     file = read(path)
     origin = file.site.origin or _mean_position(file.camera)
-    return file.site.name, origin, tuple(_site_camera(camera, origin, path) for camera in file.camera)
+    written = written_in(file)
+    return file.site.name, origin, tuple(_site_camera(camera, origin, written, path) for camera in file.camera)
+
+
+def written_in(file: SiteFile) -> Written:
+    """How finely its positions are written."""
+    return Written.of(camera.position for camera in file.camera if camera.position is not None)
 
 
 def _mean_position(cameras: list[_Camera]) -> Origin:
@@ -94,7 +100,7 @@ def _mean_position(cameras: list[_Camera]) -> Origin:
     return mean_position(np.array(positions))
 
 
-def _site_camera(camera: _Camera, origin: Origin, path: Path) -> SiteCamera:
+def _site_camera(camera: _Camera, origin: Origin, written: Written, path: Path) -> SiteCamera:
     try:
         lens = LensModel(
             camera.lens,
@@ -106,7 +112,7 @@ def _site_camera(camera: _Camera, origin: Origin, path: Path) -> SiteCamera:
     except LensError as error:
         raise ConfigError(error.what, where=f"{path}: camera {camera.id}", action=error.action) from error
     up = np.array(camera.up_cam, float) if camera.up_cam else None
-    sigma_m = as_written(camera.position, camera.position_sigma) if camera.position else None
+    sigma_m = written.sigma_m(camera.position, camera.position_sigma) if camera.position else None
     return SiteCamera(
         id=camera.id,
         lens=lens,

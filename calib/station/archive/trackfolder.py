@@ -17,7 +17,7 @@ from calib.observations import SiteCamera
 from calib.station.archive import sitefile, tables, track_columns
 from calib.station.archive.picture_format import refuse_other_format
 from calib.station.config import CameraSection
-from calib.station.core.coordinates import MORE_DIGITS, rounded
+from calib.station.core.coordinates import MORE_DIGITS
 from calib.station.core.surveyed_site import SurveyedSite
 from edge.common.arrays import Array
 from edge.common.errors import ConfigError
@@ -56,9 +56,8 @@ def read(folder: Path) -> TrackFolder:
         row.id: CameraSection(id=row.id, position=row.position, position_sigma=row.position_sigma)
         for row in sitefile.read(site_file).camera
     }
-    for section in sections.values():
-        if section.position is not None and (coarse := rounded(section.position)):
-            log.warning("%s: camera %s: %s; %s", site_file, section.id, coarse, MORE_DIGITS)
+    if coarse := sitefile.written_in(sitefile.read(site_file)).coarse:
+        log.warning("%s: %s; %s", site_file, coarse, MORE_DIGITS)
     rows = {camera.id: _read_tracks(files[camera.id]) for camera in cameras if camera.id in files}
     for camera in cameras:
         if camera.id in rows:

@@ -15,7 +15,7 @@ import numpy as np
 from calib.geodesy import Origin, geodetic_to_enu, mean_position
 from calib.observations import SiteCamera
 from calib.station.config import MIN_CAMERAS, CameraSection, Sigmas
-from calib.station.core.coordinates import MORE_DIGITS, as_written, rounded
+from calib.station.core.coordinates import MORE_DIGITS, Written
 from calib.station.core.intake import CameraIntake
 from calib.station.core.site_extent import CORRECT_IT, too_far
 from edge.common.arrays import Array
@@ -54,6 +54,7 @@ class Positions:
         self._places: dict[str, Origin] = {}
         self.unbelieved: dict[str, str] = {}  # camera: why its position is not used
         self.origin = origin
+        self._written = Written.of(one.position for one in cameras.values() if one.position is not None)
 
     def update(self, boxes: dict[str, CameraIntake]) -> None:
         """See which positions can be of one site, and choose the origin once enough are known."""
@@ -67,7 +68,7 @@ class Positions:
     def _geodetic(self, camera: str, box: CameraIntake) -> tuple[Origin, Sigmas] | None:
         section = self._cameras[camera]
         if section.position is not None:
-            return section.position, as_written(section.position, section.position_sigma)
+            return section.position, self._written.sigma_m(section.position, section.position_sigma)
         return None if box.fix is None else lens_position(box.fix)
 
     def of(self, camera: str, box: CameraIntake) -> tuple[Array, Array] | None:
@@ -82,20 +83,8 @@ class Positions:
         """The cameras whose position is not of this site, or in force and their antenna's."""
         far = [Check(f"position {camera}", "fail", why, CORRECT_IT) for camera, why in self.unbelieved.items()]
         used = [box for camera, box in boxes.items() if self._cameras[camera].position is None]
-        return (
-            far
-            + self._rounded()
-            + [check for box in used if box.fix is not None for check in check_offset(box.id, box.fix)]
-        )
-
-    def _rounded(self) -> list[Check]:
-        """The cameras whose position was written down so coarsely that this is most of its sigma."""
-        written = {one.id: one.position for one in self._cameras.values() if one.position is not None}
-        return [
-            Check(f"position {camera}", "warn", coarse, MORE_DIGITS)
-            for camera, place in written.items()
-            if (coarse := rounded(place))
-        ]
+        rounded = [Check("positions", "warn", coarse, MORE_DIGITS)] if (coarse := self._written.coarse) else []
+        return far + rounded + [check for box in used if box.fix is not None for check in check_offset(box.id, box.fix)]
 
     def site_camera(self, camera: str, box: CameraIntake) -> SiteCamera | None:
         """What is known of a camera before calibrating, or None without a lens."""

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.geodesy import enu_to_geodetic, geodetic_to_enu
-from calib.station.core.coordinates import as_written, decimals, rounded
+from calib.station.core.coordinates import Written
 
 RTK: tuple[float, float, float] = (0.02, 0.02, 0.04)
 latitudes, longitudes = st.floats(-80, 80), st.floats(-180, 180)
@@ -15,7 +15,7 @@ latitudes, longitudes = st.floats(-80, 80), st.floats(-180, 180)
 @given(latitude=latitudes, longitude=longitudes, count=st.integers(0, 6))
 def test_no_more_decimals_are_found_than_were_written(latitude: float, longitude: float, count: int) -> None:
     """Fewer may be found: some of the last digits are noughts."""
-    found = decimals((round(latitude, count), round(longitude, count), 450.123))
+    found = Written.of([(round(latitude, count), round(longitude, count), 450.123)] * 2).decimals
     assert found is not None
     assert found <= count
 
@@ -29,30 +29,44 @@ def test_the_error_of_rounding_is_what_the_sigma_says(count: int) -> None:
         true = (latitude, longitude, 300.0)
         written = (round(latitude, count), round(longitude, count), 300.1234)
         off = geodetic_to_enu(np.array([written]), true)[0][:2]
-        square.append((off / np.array(as_written(written, (1e-9, 1e-9, 1e-9))[:2])) ** 2)
+        square.append((off / np.array(Written(count).sigma_m(written, (1e-9, 1e-9, 1e-9))[:2])) ** 2)
     assert np.mean(square, axis=0) == pytest.approx([1.0, 1.0], abs=0.07)
 
 
 def test_a_receivers_position_keeps_its_sigma() -> None:
     place = (47.123456789, 8.987654321, 450.0)
-    assert as_written(place, RTK) == RTK
-    assert rounded(place) is None
+    written = Written.of([place, place])
+    assert written.sigma_m(place, RTK) == RTK
+    assert written.coarse is None
+
+
+def test_one_camera_at_a_round_place_is_no_rounding() -> None:
+    """It stands at the origin, and the others where they were surveyed."""
+    origin, other = (47.4, 8.5, 450.0), (47.400812345, 8.501234567, 451.2)
+    assert Written.of([origin, other]).decimals is None
+    assert Written.of([origin]).decimals is None
+    assert Written.of([]).decimals is None
+
+
+def test_the_finest_of_a_site_says_how_it_was_written() -> None:
+    assert Written.of([(47.4, 8.5, 450.0), (47.4008, 8.5012, 451.2)]).decimals == 4
 
 
 def test_a_height_counts_as_rounded_only_beside_rounded_angles() -> None:
-    assert as_written((47.1235, 8.9877, 450.0), RTK)[2] == pytest.approx(np.hypot(0.04, 1 / np.sqrt(12)))
-    assert as_written((47.1235, 8.9877, 450.37), RTK)[2] == 0.04
+    whole, fine = (47.1235, 8.9877, 450.0), (47.1235, 8.9877, 450.37)
+    assert Written(4).sigma_m(whole, RTK)[2] == pytest.approx(np.hypot(0.04, 1 / np.sqrt(12)))
+    assert Written(4).sigma_m(fine, RTK)[2] == 0.04
 
 
 def test_a_rounded_position_is_still_seen_after_another_frame() -> None:
     """A file written by a program that computes in metres: a tenth of a millimetre is lost, not the grid."""
     origin = (47.0, 9.0, 400.0)
-    there = geodetic_to_enu(np.array([(47.0012, 9.0034, 431.0)]), origin)
-    back = tuple(enu_to_geodetic(there, origin)[0].tolist())
-    assert decimals(back) == 4
+    there = geodetic_to_enu(np.array([(47.0012, 9.0034, 431.0), (47.0031, 9.0007, 431.0)]), origin)
+    back = [(float(lat), float(lon), float(height)) for lat, lon, height in enu_to_geodetic(there, origin)]
+    assert Written.of(back).decimals == 4
 
 
-def test_the_user_is_told_how_far_off_it_may_be() -> None:
-    assert rounded((47.1235, 8.9877, 450.0)) == (
-        "its position is written to 4 decimals of a degree: it may be off by 5.6 m, which is allowed for"
+def test_the_user_is_told_how_far_off_they_may_be() -> None:
+    assert Written(4).coarse == (
+        "the positions are written to 4 decimals of a degree: each may be off by 5.6 m, which is allowed for"
     )
