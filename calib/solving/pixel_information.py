@@ -6,6 +6,7 @@ covariance of the priors without adjusting anew.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from calib.adjustment.bundle import Adjusted, Problem
 from calib.adjustment.uncertainty import settled_covariance
 from calib.solving.survey_check import TESTABLE
 from edge.common.arrays import Array
+
+OWN_NOISE: Final = 1e-3  # of its unit, of a further quantity: one that all others determine would have no inverse
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,8 @@ class PixelInformation:
         prior = problem.prior
         scale = np.concatenate([np.sqrt(np.diag(prior.claimed)), more.sigma])
         derivative = np.vstack([np.eye(len(prior.known))[prior.known], more.derivative]) / scale[:, None]
-        both = np.linalg.inv(derivative @ settled_covariance(adjusted, problem) @ derivative.T)
+        own = np.concatenate([np.zeros(len(prior.covariance)), np.full(len(more.sigma), OWN_NOISE**2)])
+        both = np.linalg.inv(derivative @ settled_covariance(adjusted, problem) @ derivative.T + np.diag(own))
         away = np.concatenate([prior.deviation(adjusted.estimate.cameras)[prior.known], more.value]) / scale
         known = slice(0, len(prior.covariance))
         pixels = both.copy()

@@ -81,11 +81,12 @@ def too_few_poses(
 
 def _one_of_three(surveyed: list[str], why: Why) -> CalibrationError:
     """Two cameras nearly always fit somehow: that the third fits neither of them may be the fault of any."""
+    whose = f"{', '.join(surveyed[:-1])} and {surveyed[-1]}"
     return CalibrationError(
-        f"one of {', '.join(surveyed[:-1])} and {surveyed[-1]} does not fit the other two, and which cannot be told: "
-        f"if those are right, {why.what}",
+        f"2 of 3 surveyed cameras have a pose, three must: one of {whose} does not fit the other two, and which cannot "
+        f"be told; if those are right, {why.what}",
         where="georeferencing",
-        action="check what each of them detects, its track numbers and its clock, or add a fourth camera",
+        action=f"{why.cure}; then the same of the others, or add a fourth camera",
     )
 
 

@@ -66,13 +66,17 @@ def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
 
 @dataclass
 class _Attempt:
-    """Where refining stands. weights: of the round before, while the cameras stay the same."""
+    """Where refining stands. weights: of the round before, while the cameras stay the same.
+
+    believed: what was begun with before the survey was doubted for the sake of a camera. doubted: about what, by round.
+    """
 
     inputs: Inputs
     initial: InitialEstimate
     knots_s: float
     left_out: dict[str, str] = field(default_factory=dict)
     weights: Weights | None = None
+    believed: InitialEstimate | None = None
     doubted: list[frozenset[object]] = field(default_factory=lambda: [frozenset()])
     adjusted: Adjusted | None = None
     strain: Strain | None = None
@@ -121,6 +125,7 @@ class _Attempt:
         if not fitted or self.initial.gauge is not None or self.adjusted is None or len(self.doubted) > 1:
             return False
         positions = Believed(Doubt(Claim.POSITION, surveyed, SURVEY_OFF_M[-1], 1.0), 1.0)
+        self.believed = self.initial
         self.initial, self.weights = replace(self.initial, doubts=(positions,)), None
         self.doubted.append(_about(self.initial.doubts))
         return True
@@ -131,6 +136,10 @@ class _Attempt:
         if self.initial.gauge is not None:
             return False
         found = strain(self.adjusted, self.problem, self.inputs.sites)
+        if self.believed is not None and all(one.doubt.claim is not Claim.POSITION for one in found.doubts):
+            self.initial, self.weights, self.believed = self.believed, None, None  # the survey was not the reason
+            return True
+        self.believed = None
         doubts = self._steady(told_apart(self.adjusted, self.problem, self.inputs.sites, found.doubts))
         self.strain = replace(found, doubts=doubts)
         if len(self.doubted) > DOUBT_ROUNDS or _covered(self.strain.doubts, self.initial.doubts):
@@ -147,10 +156,11 @@ class _Attempt:
         return True
 
     def _steady(self, doubts: tuple[Believed, ...]) -> tuple[Believed, ...]:
-        """What is doubted; with what was doubted until now, where these doubts have led there and back already."""
+        """What is doubted; with the positions doubted until now, where these doubts have led there and back already."""
         if _about(doubts) == self.doubted[-1] or _about(doubts) not in self.doubted:
             return doubts
-        return (*doubts, *(one for one in self.initial.doubts if one.doubt.about not in _about(doubts)))
+        places = [one for one in self.initial.doubts if one.doubt.claim is Claim.POSITION]
+        return (*doubts, *(one for one in places if one.doubt.about not in _about(doubts)))
 
     def _blind_camera(self) -> str | None:
         pairs = zip(self.estimate.cameras, self.problem.data, strict=True)

@@ -22,14 +22,14 @@ from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.projection import centre_of
 from calib.geometry.similarity import HOLD_A_FRAME
 from calib.observations import SiteCamera
-from calib.solving.doubts import Doubt, all_doubts, directions
+from calib.solving.doubts import Claim, Doubt, all_doubts, directions
 from calib.solving.level import SITES, levels
 from calib.solving.pixel_information import PixelInformation, PriorTest
 from edge.common.arrays import Array
 
 UNSURE: Final = 0.1  # probability that all is as claimed, below which it is not taken to be so
 UNLIKELY: Final = 0.02  # probability of a doubt, below which it is not allowed for
-BLUNDER_SIGMAS: Final = 10.0  # of what was claimed: so much off, the stated sigma is worth nothing
+BLUNDER_SIGMAS: Final = 60.0  # of a position as claimed: metres, where a bad fix of a receiver is off by decimetres
 CERTAIN: Final = 0.95  # probability from which on a doubt stands alone
 LARGEST_SIZE: Final = 0.05  # of a doubt's probability: the largest size that has as much is allowed for
 BEYOND_DOUBT: Final = 1e-6  # chance of priors being so strained, when nothing that people get wrong explains it
@@ -172,7 +172,9 @@ class Weighing:
         return most_probable_first([one for one in every if one.probability > UNLIKELY] or every)
 
     def _is_blunder(self, doubt: Doubt) -> bool:
-        """Whether it is so large beside what was claimed that no stated sigma would cover it."""
+        """Whether it is of positions, and so large beside what was claimed that no stated sigma would cover it."""
+        if doubt.claim is not Claim.POSITION:
+            return False
         off = np.sqrt((self._parts[doubt] ** 2).sum(axis=1) / np.diag(self.prior.claimed))
         return bool(off.max() >= BLUNDER_SIGMAS)
 

@@ -118,14 +118,14 @@ def test_the_bases_old_key_is_refused_with_where_it_went(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("centre", [(47.4, 8.5, 500.0), (-16.8, 180.0, 20.0)])
 def test_a_position_of_another_country_is_not_believed_and_said(centre: tuple[float, float, float]) -> None:
-    east = 1e-3
+    east = 1e-3 + 1.23456e-8  # as a receiver writes them: all on a round grid would be told as rounded
     places = [
         (centre[0], centre[1] - east, 500.0),
         (centre[0] + east, -centre[1] if centre[1] == 180 else centre[1], 500.0),
     ]
     places += [
         (centre[0] - east, -centre[1] + east if centre[1] == 180 else centre[1] + east, 500.0),
-        (8.5, 47.4, 500.0),
+        (8.512345678, 47.412345678, 500.0),
     ]
     sections = {f"cam{k}": CameraSection(id=f"cam{k}", position=place) for k, place in enumerate(places)}
     boxes = {name: CameraIntake(name) for name in sections}
