@@ -17,7 +17,7 @@ from calib.solving.strain import BEYOND_DOUBT, Strain
 from calib.solving.upright import upside_down
 
 ABSURD_SHARE: Final = 0.3  # of the distance, one sigma: a solution that open is none
-FARTHEST_M: Final = 50e3  # from the cameras: beyond it, nothing that flies is more than a speck
+FARTHEST_FLOWN_M: Final = 50e3  # from the cameras: beyond it, nothing that flies is more than a speck
 FLY_WIDER: Final = "fly a path with more width and height that at least three cameras see together"
 
 
@@ -77,7 +77,7 @@ def _refuse_absurd(network: Network, trajectory: Trajectory, strained: Strain | 
         raise CalibrationError("no two cameras see the object at once", where=network.site, action=FLY_WIDER)
     share = open_share(network, trajectory)
     far_m = _distance_m(network, trajectory)
-    if far_m > FARTHEST_M:
+    if far_m > FARTHEST_FLOWN_M:
         raise UndeterminedError(
             f"the rays of all cameras are as good as parallel: they would meet {far_m / 1e3:.0f} km away",
             where=network.site,

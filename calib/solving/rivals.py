@@ -24,7 +24,7 @@ from calib.solving.strain import CERTAIN, UNLIKELY, Believed, most_probable_firs
 from edge.common.arrays import Array
 
 MOST_RIVALS: Final = 6  # explanations that are gone on with; more are as good as nobody's
-ROLLS_RAD: Final = np.radians(np.arange(-60.0, 61.0)).tolist()  # an adjustment goes on from within a degree
+TURNS_RAD: Final = np.radians(np.arange(-60.0, 61.0)).tolist()  # an adjustment goes on from within a degree
 LIKELIER: Final = 20.0  # times: less is no reason to turn a world over
 ROWS: Final = 2000  # enough for a hundred unknowns; each rival costs an adjustment
 
@@ -87,7 +87,7 @@ def _levelled(estimate: FlightEstimate, sites: dict[str, SiteCamera], centres: A
     def support(angle_rad: float) -> float:
         return log_likelihood(levels(at(angle_rad).cameras, sites).value)
 
-    best = max(ROLLS_RAD, key=lambda angle: (round(support(angle), 6), -abs(angle)))
+    best = max(TURNS_RAD, key=lambda angle: (round(support(angle), 6), -abs(angle)))
     return at(best) if support(best) > support(0.0) + np.log(LIKELIER) else estimate
 
 
