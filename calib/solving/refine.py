@@ -124,6 +124,8 @@ class _Attempt:
         fitted = self.initial.shares.get(outcast, 0.0) >= FITTED
         if not fitted or self.initial.gauge is not None or self.adjusted is None or len(self.doubted) > 1:
             return False
+        if len(self.initial.cameras) <= FEWEST_LEFT:
+            return False  # without the survey, three would explain nearly anything
         positions = Believed(Doubt(Claim.POSITION, surveyed, SURVEY_OFF_M[-1], 1.0), 1.0)
         self.believed = self.initial
         self.initial, self.weights = replace(self.initial, doubts=(positions,)), None

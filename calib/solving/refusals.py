@@ -15,9 +15,11 @@ from calib.solving.inputs import Inputs
 from calib.solving.solution import Trajectory
 from calib.solving.strain import BEYOND_DOUBT, Strain
 from calib.solving.upright import upside_down
+from edge.common.arrays import Array
 
 ABSURD_SHARE: Final = 0.3  # of the distance, one sigma: a solution that open is none
 FARTHEST_FLOWN_M: Final = 50e3  # from the cameras: beyond it, nothing that flies is more than a speck
+MOST_FAR: Final = 0.01  # of the positions, that may lie beyond: outliers
 FLY_WIDER: Final = "fly a path with more width and height that at least three cameras see together"
 
 
@@ -28,17 +30,16 @@ def refuse(network: Network, trajectory: Trajectory, inputs: Inputs, strained: S
     _refuse_absurd(network, trajectory, strained)
 
 
-def _distance_m(network: Network, trajectory: Trajectory) -> float:
-    """Median, of what was flown from the middle of the cameras."""
+def _distance_m(network: Network, trajectory: Trajectory) -> Array:
+    """(M,) of what was flown, from the middle of the cameras."""
     middle = np.mean([camera.centre_enu for camera in network.cameras], axis=0)
-    return float(np.median(np.linalg.norm(trajectory.points_enu - middle, axis=1)))
+    return np.asarray(np.linalg.norm(trajectory.points_enu - middle, axis=1), float)
 
 
 def open_share(network: Network, trajectory: Trajectory) -> float:
     """Median one sigma of the positions, as a share of their distance from the cameras."""
     sigma = np.sqrt(np.trace(trajectory.covariance_enu, axis1=1, axis2=2))
-    middle = np.mean([camera.centre_enu for camera in network.cameras], axis=0)
-    return float(np.median(sigma / np.linalg.norm(trajectory.points_enu - middle, axis=1)))
+    return float(np.median(sigma / _distance_m(network, trajectory)))
 
 
 def _refuse_strained(network: Network, strained: Strain | None) -> None:
@@ -76,10 +77,11 @@ def _refuse_absurd(network: Network, trajectory: Trajectory, strained: Strain | 
     if len(trajectory.points_enu) == 0:
         raise CalibrationError("no two cameras see the object at once", where=network.site, action=FLY_WIDER)
     share = open_share(network, trajectory)
-    far_m = _distance_m(network, trajectory)
-    if far_m > FARTHEST_FLOWN_M:
+    far = _distance_m(network, trajectory) > FARTHEST_FLOWN_M
+    if far.mean() > MOST_FAR:
         raise UndeterminedError(
-            f"the rays of all cameras are as good as parallel: they would meet {far_m / 1e3:.0f} km away",
+            f"the cameras' rays are as good as parallel: {100 * far.mean():.0f} % of them would meet more than "
+            f"{FARTHEST_FLOWN_M / 1e3:.0f} km away",
             where=network.site,
             action="stand the cameras farther apart, or fly nearer to them",
         )

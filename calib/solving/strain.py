@@ -30,6 +30,7 @@ from edge.common.arrays import Array
 UNSURE: Final = 0.1  # probability that all is as claimed, below which it is not taken to be so
 UNLIKELY: Final = 0.02  # probability of a doubt, below which it is not allowed for
 BLUNDER_SIGMAS: Final = 60.0  # of a position as claimed: metres, where a bad fix of a receiver is off by decimetres
+BLUNDER_UNLIKELY: Final = 0.05  # probability of one, below which it is not allowed for where all else is as claimed
 CERTAIN: Final = 0.95  # probability from which on a doubt stands alone
 LARGEST_SIZE: Final = 0.05  # of a doubt's probability: the largest size that has as much is allowed for
 BEYOND_DOUBT: Final = 1e-6  # chance of priors being so strained, when nothing that people get wrong explains it
@@ -143,7 +144,9 @@ class Weighing:
             allowed = self.prior.claimed + widening(doubts, self.prior)[known]
         seen = self.seen.first(len(allowed))
         claimed = seen.against(self.prior.claimed)
-        return Strain(claimed.statistic, claimed.freedom, claimed.p_value, doubts, seen.against(allowed).p_value)
+        # Wider priors are strained no more: what else comes out is the rounding of hundreds of metres beside centimetres.
+        left = max(claimed.p_value, seen.against(allowed).p_value)
+        return Strain(claimed.statistic, claimed.freedom, claimed.p_value, doubts, left)
 
     def posterior(self, covariance: Array) -> tuple[float, dict[Doubt, float]]:
         """How probable it is that priors of this covariance (K', K') are right, and how probable each doubt beside
@@ -167,7 +170,7 @@ class Weighing:
         as_claimed, probability = self.posterior(covariance)
         if as_claimed > UNSURE:
             every = list(_of_any_size({one: p for one, p in probability.items() if self._is_blunder(one)}))
-            return most_probable_first(one for one in every if one.probability > UNLIKELY)
+            return most_probable_first(one for one in every if one.probability > BLUNDER_UNLIKELY)
         every = list(_of_any_size(probability))
         return most_probable_first([one for one in every if one.probability > UNLIKELY] or every)
 
