@@ -17,6 +17,7 @@ from calib.adjustment.uncertainty import settled_covariance
 from calib.solving.survey_check import TESTABLE
 from edge.common.arrays import Array
 
+ROUNDED: Final = 2.0  # times the most negative eigenvalue: below it, an eigenvalue is as likely rounding
 OWN_NOISE: Final = 1e-3  # of its unit, of a further quantity: one that all others determine would have no inverse
 
 
@@ -63,7 +64,7 @@ class PixelInformation:
         known = slice(0, len(prior.covariance))
         pixels = both.copy()
         pixels[known, known] -= np.linalg.inv(prior.covariance / np.outer(scale[known], scale[known]))
-        return cls(scale, pixels, both @ away)
+        return cls(scale, *_told(pixels, both @ away))
 
     def about(self, chosen: NDArray[np.bool_], claimed: Array) -> "PixelInformation":
         """What they say of some unknowns (K',), where the others are as claimed (K', K') and independent of these."""
@@ -131,3 +132,15 @@ class PriorTest:
         pull = weighted.T @ self.off
         quadratic = self.statistic - float(pull @ np.linalg.solve(inner, pull))
         return -0.5 * (quadratic + float(np.log(self.variance).sum() + np.linalg.slogdet(inner)[1]))
+
+
+def _told(information: Array, pull: Array) -> tuple[Array, Array]:
+    """Information (K, K) and pull (K,) without what is only the rounding of a difference of two large inverses.
+
+    Pixels never know less than nothing: how far below it an eigenvalue lies is how far off the others may be. Left in,
+    it would be a certainty wherever a prior is widened beyond it.
+    """
+    values, vectors = np.linalg.eigh((information + information.T) / 2)
+    kept = values > max(0.0, -ROUNDED * float(values.min()))
+    told = vectors[:, kept]
+    return (told * values[kept]) @ told.T, told @ (told.T @ pull)

@@ -144,7 +144,7 @@ class Weighing:
             allowed = self.prior.claimed + widening(doubts, self.prior)[known]
         seen = self.seen.first(len(allowed))
         claimed = seen.against(self.prior.claimed)
-        # Wider priors are strained no more: what else comes out is the rounding of hundreds of metres beside centimetres.
+        # Wider priors are strained no more: anything else is the rounding of hundreds of metres beside centimetres.
         left = max(claimed.p_value, seen.against(allowed).p_value)
         return Strain(claimed.statistic, claimed.freedom, claimed.p_value, doubts, left)
 
