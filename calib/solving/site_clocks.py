@@ -21,6 +21,7 @@ CONFIRMED_BY: Final = 2  # cameras that tie another one firmly before the pairs 
 LONG_ENOUGH_S: Final = 40.0  # an ordinary flight's clocks can be told from so much in common
 CONTRADICTED: Final = 20.0  # log likelihood by which tracks contradict a stated clock: beyond any doubt of its box
 MEETS_S: Final = 3.0  # in common as stamped: enough to adjust a clock that nobody has reason to doubt
+SAME_S: Final = 1.0  # of two clocks that nobody vouches for: phones on a network are alike to that
 STATED_SCORE: Final = 1.0  # of stamps that are vouched for and that the tracks say nothing about
 
 
@@ -95,7 +96,10 @@ def _vouched(found: Alignment) -> Alignment:
 def _against_reference(
     tied: dict[str, Tied], sites: dict[str, SiteCamera], trusted: frozenset[str], tracks: dict[str, list[TrackSeries]]
 ) -> dict[str, Tied]:
-    """The same clocks against the site's: that of most boxes that know theirs, else of the median pace."""
+    """The same clocks against the site's: that of most boxes that know theirs, else of the median pace.
+
+    Of those that most agree with to a second, if there are such: one that counts leap seconds is not the site's time.
+    """
     knowing = [name for name in sorted(tied) if name in trusted]
     known = [name for name in sorted(tied) if tied[name].certain] or sorted(tied)
     if knowing:
@@ -108,11 +112,20 @@ def _against_reference(
 
         reference = min(knowing, key=rank)
     elif known:
-        reference = sorted(known, key=lambda name: (tied[name].clock.rate, name))[(len(known) - 1) // 2]
+        agreeing = _most_alike(known, tied)
+        reference = sorted(agreeing, key=lambda name: (tied[name].clock.rate, name))[(len(agreeing) - 1) // 2]
     else:
         return tied
     zero = tied[reference].clock
     return {name: replace(own, clock=own.clock.seen_from(zero)) for name, own in tied.items()}
+
+
+def _most_alike(names: list[str], tied: dict[str, Tied]) -> list[str]:
+    """More than half of the clocks, alike to a second; all of them if there is no such half."""
+    offsets = {name: tied[name].clock.offset_s for name in names}
+    groups = [[other for other in names if abs(offsets[other] - offsets[name]) < SAME_S] for name in names]
+    largest = max(groups, key=len)
+    return largest if 2 * len(largest) > len(names) else names
 
 
 def _told(site: SiteCamera, tied: Tied | None, tracks: dict[str, list[TrackSeries]], pairs: Pairs) -> CameraClock:

@@ -55,6 +55,14 @@ def test_a_clock_far_off_is_found_although_its_box_vouches_for_it(behind_s: floa
     assert all(own.origin is Origin.STATED for name, own in found.items() if name != "cam2")
 
 
+@pytest.mark.parametrize("odd", ["cam1", "cam2", "cam3"])
+def test_where_nobody_vouches_the_time_of_most_is_the_sites(odd: str) -> None:
+    """Whichever of them counts leap seconds, and whatever the paces: these are alike to what a flight tells."""
+    found = clocks_of(prepared(site(offsets_s=(0.0,) * 3), {odd: 18.0}))
+    expected = {name: 18.0 if name == odd else 0.0 for name in found}
+    assert {name: own.clock.offset_s for name, own in found.items()} == pytest.approx(expected, abs=2 * ALIGNED_S)
+
+
 def test_of_two_boxes_that_contradict_each_other_the_one_of_smaller_bound_is_the_sites() -> None:
     vouched = {"cam1": {"clock_bound_s": 1e-2}, "cam2": {"clock_bound_s": 1e-4}}
     found = clocks_of(prepared(site(offsets_s=(0.0, 0.0), special=vouched), {"cam1": 18.0}))
