@@ -6,7 +6,6 @@ So a file is compressed once the next one is begun, by a process of its own that
 and holds just what the old one held. Cut off later, it can be read up to its last whole chunk.
 """
 
-import contextlib
 import hashlib
 import os
 import sys
@@ -18,6 +17,7 @@ from mcap.writer import CompressionType, Writer
 
 from calib.station.archive.recording import read, records
 from edge.common.errors import RecordingError
+from edge.common.niceness import step_back
 
 CHUNK_BYTES: Final = 1 << 18  # before compression; of three cameras and one drone some seconds
 PART: Final = ".part"  # the name of a file that is not whole yet ends so
@@ -82,8 +82,6 @@ def _digest(path: Path) -> bytes:
 
 def main(paths: list[str]) -> int:
     """Compress each of these files; 1 if one could not be, with the reason on the standard error."""
-    with contextlib.suppress(OSError):  # a service may forbid it; then it is done beside what is live
-        os.nice(NICE)
     for path in map(Path, paths):
         try:
             if not is_compressed(path):
@@ -94,5 +92,6 @@ def main(paths: list[str]) -> int:
     return 0
 
 
-if __name__ == "__main__":
+if __name__ == "__main__":  # a process of its own: whoever calls main in theirs stays as ready as they were
+    step_back(NICE)
     sys.exit(main(sys.argv[1:]))

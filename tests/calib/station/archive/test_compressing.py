@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -100,7 +101,9 @@ def test_what_is_no_recording_stays_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(RecordingError):
         compress(path)
     assert path.read_bytes() == b"nothing of the kind"
+    before = os.nice(0)
     assert main([str(path)]) == 1
+    assert os.nice(0) == before  # only a process of its own steps back
     assert sorted(tmp_path.iterdir()) == [path]
 
 
