@@ -89,7 +89,7 @@ def load(path: Path) -> tuple[str, Origin, tuple[SiteCamera, ...]]:
 
 def written_in(file: SiteFile) -> Written:
     """How finely its positions are written."""
-    return Written.of(camera.position for camera in file.camera if camera.position is not None)
+    return Written.of((one.position, one.position_sigma) for one in file.camera if one.position is not None)
 
 
 def _mean_position(cameras: list[_Camera]) -> Origin:

@@ -1,8 +1,9 @@
 """How finely a position was written down: digits that are not there are not known.
 
-The hazard is the rounded coordinate with an RTK sigma. Four decimals of a degree are eleven metres; whoever copies them
-from a map's corner states, with the default, five centimetres. A receiver's own position ends on round digits once in
-ten thousand times, so a site whose cameras all stand on a round grid in latitude and in longitude was rounded to it.
+The hazard is the rounded coordinate that comes without a sigma. Four decimals of a degree are eleven metres; whoever
+copies them from a map's corner states, with the default, five centimetres. A receiver's own position ends on round
+digits once in ten thousand times, so a site whose cameras all stand on a round grid in latitude and in longitude was
+rounded to it.
 """
 
 from collections.abc import Iterable
@@ -12,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from calib.geodesy import Origin
+from calib.station.config import UNSTATED_SIGMA_M
 
 FINEST: Final = 6  # decimals of a degree: 0.11 m; with one more, what rounding adds is less than RTK's own sigma
 FEWEST: Final = 2  # positions on one round grid, that are no accident
@@ -30,15 +32,18 @@ class Written:
     decimals: int | None
 
     @classmethod
-    def of(cls, positions: Iterable[Origin]) -> "Written":
-        """From all of them. One alone says nothing: a camera may stand at the origin, and that is a round place."""
-        found = [_decimals(position) for position in positions]
+    def of(cls, positions: Iterable[tuple[Origin, tuple[float, float, float]]]) -> "Written":
+        """From all of them that come without a sigma of their own: latitude, longitude, height; sigma.
+
+        One alone says nothing: a camera may stand at the origin, and that is a round place.
+        """
+        found = [_decimals(position) for position, sigma_m in positions if sigma_m == UNSTATED_SIGMA_M]
         fine = len(found) < FEWEST or any(one is None for one in found)
         return cls(None if fine else max(one for one in found if one is not None))
 
     def sigma_m(self, position: Origin, stated_m: tuple[float, float, float]) -> tuple[float, float, float]:
-        """The sigma of a position (east, north, up; m) with what its rounding adds to the one that is stated."""
-        if self.decimals is None:
+        """The sigma of a position (east, north, up; m), with what its rounding adds where nobody stated one."""
+        if self.decimals is None or stated_m != UNSTATED_SIGMA_M:
             return stated_m
         north = DEGREE_M * 10.0**-self.decimals
         steps = (north * np.cos(np.radians(position[0])), north, _step_of(position[2]))

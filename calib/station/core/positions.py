@@ -54,7 +54,9 @@ class Positions:
         self._places: dict[str, Origin] = {}
         self.unbelieved: dict[str, str] = {}  # camera: why its position is not used
         self.origin = origin
-        self._written = Written.of(one.position for one in cameras.values() if one.position is not None)
+        self._written = Written.of(
+            (one.position, one.position_sigma) for one in cameras.values() if one.position is not None
+        )
 
     def update(self, boxes: dict[str, CameraIntake]) -> None:
         """See which positions can be of one site, and choose the origin once enough are known."""

@@ -34,10 +34,10 @@ def test_what_the_pixels_are_good_for_goes_with_the_network() -> None:
 
 
 def test_a_camera_whose_survey_is_disbelieved_may_be_loose_and_the_network_good() -> None:
-    """One of four heights is above sea level. Its camera is named, and then known from the flight alone: to half a
+    """One of four positions is ten metres off. Its camera is named, and then known from the flight alone: to half a
     metre, which its rays carry with them.
     """
-    simulated = draw("height_msl_one_of_4", "choose", 0, 7).simulated
+    simulated = draw("mistyped_one", "choose", 0, 21).simulated
     solved = LiveSolver()(simulated.scene, None)
     network = solved.network
     loose_m = max(

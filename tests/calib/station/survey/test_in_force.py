@@ -18,7 +18,7 @@ SIGMA_M = (0.01, 0.01, 0.02)
 NAMES = ("cam0", "cam1", "cam2")
 SITE_CAMERA = (
     '[[camera]]\nid = "{name}"\nsize_px = [1920, 1080]\nlens = "radtan"\nintrinsics = [1300, 1300, 960, 540]\n'
-    "distortion = [0, 0, 0, 0]\n{key} = [47.0, 8.00{name[3]}, 500.0]\n"
+    "distortion = [0, 0, 0, 0]\n{key} = [47.012345678, 8.00{name[3]}12345678, 500.0]\n"
 )
 
 
