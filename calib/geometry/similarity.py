@@ -37,6 +37,11 @@ class Similarity:
 UNCHANGED: Final = Similarity(1.0, np.eye(3), np.zeros(3))  # of points already in the frame they are wanted in
 
 
+def about(point: Array, turn: Array) -> Similarity:
+    """A rotation (3, 3) of the world that leaves a point (3,) where it is."""
+    return Similarity(1.0, turn, point - turn @ point)
+
+
 @dataclass(frozen=True)
 class SimilarityFit:
     """A fitted similarity, its misfit (N, 3) and flatness: second over first singular value of the points."""

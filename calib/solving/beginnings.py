@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.geometry.rays import directions_cam
 from calib.geometry.rotation import fit_rotation, rotation
-from calib.geometry.similarity import HOLD_A_FRAME, UNCHANGED, Similarity
+from calib.geometry.similarity import HOLD_A_FRAME, UNCHANGED, about
 from calib.geometry.twoview import reprojection, triangulate
 from calib.network import Camera
 from calib.observations import SiteCamera
@@ -152,6 +152,5 @@ def rolled(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> Iterato
     middle = surveyed.mean(0)
     along = np.linalg.svd(surveyed - middle)[2][0]
     for angle_rad in 2 * np.pi * np.arange(1, ROLL_STEPS) / ROLL_STEPS:
-        turn = rotation(angle_rad * along)
-        about_line = Similarity(1.0, turn, middle - turn @ middle)
+        about_line = about(middle, rotation(angle_rad * along))
         yield tuple(in_frame(camera, about_line) for camera in cameras)

@@ -15,7 +15,7 @@ from calib.adjustment.bundle import Adjusted, Problem, settle
 from calib.adjustment.flight import FlightEstimate
 from calib.errors import CalibrationError
 from calib.geometry.rotation import rotation
-from calib.geometry.similarity import HOLD_A_FRAME, Similarity, fit_similarity
+from calib.geometry.similarity import HOLD_A_FRAME, Similarity, about, fit_similarity
 from calib.observations import SiteCamera
 from calib.solving.bootstrap import in_frame
 from calib.solving.doubts import Claim
@@ -81,8 +81,7 @@ def _levelled(estimate: FlightEstimate, sites: dict[str, SiteCamera], centres: A
     along = (centres[1] - centres[0]) / np.linalg.norm(centres[1] - centres[0])
 
     def at(angle_rad: float) -> FlightEstimate:
-        R = rotation(angle_rad * along)
-        return turned(estimate, Similarity(1.0, R, centres[0] - R @ centres[0]))
+        return turned(estimate, about(centres[0], rotation(angle_rad * along)))
 
     def support(angle_rad: float) -> float:
         return log_likelihood(levels(at(angle_rad).cameras, sites).value)

@@ -50,13 +50,13 @@ class TrackFolder:
 def read(folder: Path) -> TrackFolder:
     """A track folder as it stands. Raises ConfigError naming file, line or key and what to do."""
     site_file = folder / "site.toml"
-    name, origin, cameras = sitefile.load(site_file)
+    file, (name, origin, cameras) = sitefile.read(site_file), sitefile.load(site_file)
     files = _files(folder, [camera.id for camera in cameras])
     sections = {
         row.id: CameraSection(id=row.id, position=row.position, position_sigma=row.position_sigma)
-        for row in sitefile.read(site_file).camera
+        for row in file.camera
     }
-    if coarse := sitefile.written_in(sitefile.read(site_file)).coarse:
+    if coarse := sitefile.written_in(file).coarse:
         log.warning("%s: %s; %s", site_file, coarse, MORE_DIGITS)
     rows = {camera.id: _read_tracks(files[camera.id]) for camera in cameras if camera.id in files}
     for camera in cameras:
