@@ -18,11 +18,12 @@ import numpy as np
 
 from calib.station.archive import recording
 from edge.messages import Tracks, camera_key, encode
-from tools.doubles.site import PATIENCE_S, ROOT, Site, wait
+from tools.doubles.site import ROOT, Site, wait
 from tools.doubles.truth import CHI2_3_999
 
 VICTIM: Final = "cam1"
 HOUR_NS: Final = 3600 * 10**9
+CALIBRATES_S: Final = 240.0  # the solver steps back behind everything else that a busy machine does
 SHOWS_S: Final = 2.5  # until the base's status, made once a second, shows what came
 DISBELIEVED: Final = ("repeated", "twins", "future", "past", "leapt", "backwards")
 
@@ -139,7 +140,8 @@ def trial(site: Site, count: int, impostors: Sequence[Impostor] = IMPOSTORS) -> 
     """One impostor after the other; the share of positions within 99.9 % of what they claim, of how many meanwhile."""
     certify(site)
     site.settle()
-    wait(lambda: site.heard.positions_since(0), PATIENCE_S)
+    if wait(lambda: site.heard.positions_since(0), CALIBRATES_S) == float("inf"):
+        raise SystemExit(f"no position came in {CALIBRATES_S:.0f} s: the base says {site.status().get('reason')}")
     began = time.time()
     rows = []
     for impostor in impostors:
