@@ -6,6 +6,8 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # them is a fault. SkylakeX needs AVX-512; elsewhere Sandybridge, which lacks the fused multiply-add, is the other one.
 KERNELS := Haswell $(shell grep -qs avx512f /proc/cpuinfo && echo SkylakeX || echo Sandybridge)
 MATHEMATICS := $(addprefix tests/calib/, geometry adjustment solving tracking)
+# As base-station does for itself: threads of BLAS that spin beside other tests cost more than they bring.
+export OPENBLAS_NUM_THREADS ?= 1
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 
 .PHONY: setup demo test test-rooms test-whole test-field test-machine test-packages rehearse test-kernels fuzz check lock bundle clean
@@ -59,7 +61,7 @@ test-kernels: setup
 
 test-kernel-%: setup
 	@echo "the mathematics on OpenBLAS's $* kernels"
-	OPENBLAS_CORETYPE=$* OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest $(MATHEMATICS)
+	OPENBLAS_CORETYPE=$* $(BIN)/python -m pytest $(MATHEMATICS)
 
 # Every reader of bytes, with other bytes than yesterday. The same again: make fuzz SEED=...
 fuzz: setup

@@ -8,6 +8,7 @@ take longer to load than all of the station.
 import argparse
 import importlib
 import logging
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any, Final
@@ -32,10 +33,15 @@ COMMANDS: Final = {
 }
 EXTRAS: Final = {"certs": "certs"}  # which extra brings a subcommand's libraries, where it is not `base`
 OURS: Final = ("calib", "edge")
+# Read when numpy is loaded. The matrices here are many and small: a second thread waits for the first by spinning,
+# which doubled the CPU time of a solve and made nothing faster.
+BLAS_THREADS: Final = {"OPENBLAS_NUM_THREADS": "1"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
+    for name, count in BLAS_THREADS.items():
+        os.environ.setdefault(name, count)
     given = list(sys.argv[1:] if arguments is None else arguments)
     chosen = next((word for word in given if word in COMMANDS), "")
     try:
