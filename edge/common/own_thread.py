@@ -7,6 +7,7 @@ keeps the process from going down at all. So every owner says how long it is wai
 import logging
 import sys
 import threading
+from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Final, Self
 
@@ -20,7 +21,7 @@ def give_way_soon() -> None:
     sys.setswitchinterval(GIVE_WAY_S)
 
 
-class OwnThread:
+class OwnThread(ABC):
     """Base of what has one thread of its own: give it `_run`, which ends soon after `_stop` is set."""
 
     def __init__(self, name: str, close_s: float) -> None:
@@ -65,9 +66,9 @@ class OwnThread:
         if not self.join(self._close_s):
             log.warning("%s: not done within %.1f s; left to the process's end", self._name, self._close_s)
 
+    @abstractmethod
     def _run(self) -> None:
         """The thread's work."""
-        raise NotImplementedError
 
-    def _wake(self) -> None:
+    def _wake(self) -> None:  # noqa: B027 -- most have nothing else to wait for
         """Rouse the thread from whatever it waits for, besides `_stop`."""

@@ -20,6 +20,7 @@ from calib.guarding.monitor import Finding, Guard
 from calib.network import Camera, Network
 from calib.observations import SiteCamera
 from calib.station.config import BaseConfig, CameraSection
+from calib.station.core.announcements import News, network_message
 from calib.station.core.calibration import Calibration, Phase, Standing
 from calib.station.core.intake import CameraIntake, Intake
 from calib.station.core.jobs import SolveJob, SolveResult
@@ -29,12 +30,10 @@ from calib.station.core.stored_state import StoredState
 from calib.station.core.window import Window
 from calib.tracking.options import Limits, TrackerOptions
 from calib.tracking.targets import TargetState, Tracker
-from edge.common.arrays import Array
 from edge.common.health import Check, HealthLevel
 from edge.common.units import NS
 from edge.health import HealthBoard
-from edge.messages import Health, NetworkCamera, NetworkMessage, Targets, camera_of_key
-from edge.messages import Lens as LensMessage
+from edge.messages import Health, NetworkMessage, Targets, camera_of_key
 
 GUARD_NS: Final = NS // 80  # a piece of guarding: sixteen in a round of the guard's
 FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
@@ -93,8 +92,7 @@ class Station:
         # A tenth early is not early: frames come at their own rate.
         self._send_every_s = 0.9 / rate_hz
         self._fast_ns = self._slow_ns = self._frame_ns = self._guard_ns = 0
-        self._reported: tuple[str, str] = ("", "")
-        self._levels: dict[str, str] = {}
+        self._news = News()
 
     # What comes in
 
@@ -219,8 +217,9 @@ class Station:
             return Tick(targets, publish)
         self._slow_ns = now_ns
         job = self._plan(now_unix_ns)
-        publish += [("network", self.network_message(now_unix_ns)), ("health", self._assess(now_ns, now_unix_ns))]
-        return Tick(targets, publish, job, self._news(), slow=True)
+        health = self._assess(now_ns, now_unix_ns)
+        publish += [("network", self.network_message(now_unix_ns)), ("health", health)]
+        return Tick(targets, publish, job, self._news.since(health, self.standing), slow=True)
 
     def _coast(self, now_ns: int, now_unix_ns: int) -> list[OutgoingTarget]:
         """Targets nobody has just seen, and farewells while no frames come."""
@@ -342,25 +341,7 @@ class Station:
 
     def network_message(self, now_unix_ns: int) -> NetworkMessage:
         """State, reason, next action, and the network in force."""
-        network = self.calibration.network
-        standing = self.standing
-        if network is None:
-            return NetworkMessage(
-                t_unix_ns=now_unix_ns,
-                state=standing.phase.value,
-                reason=standing.reason,
-                action=standing.action,
-                origin=self.positions.origin,
-            )
-        return NetworkMessage(
-            t_unix_ns=now_unix_ns,
-            state=standing.phase.value,
-            reason=standing.reason,
-            action=standing.action,
-            origin=network.origin,
-            cameras=[_camera_message(network, camera.id) for camera in network.cameras],
-            rms_px=network.rms_px,
-        )
+        return network_message(self.standing, self.calibration.network, self.positions.origin, now_unix_ns)
 
     def _assess(self, now_ns: int, now_unix_ns: int) -> Health:
         checks = self.intake.checks(now_ns, self.config.tracking.stale_s)
@@ -379,40 +360,3 @@ class Station:
         counters["refused_targets"] = self._export.refused
         self.health = self._board.update(now_unix_ns, checks + self.extra_checks, counters, now_ns=now_ns)
         return self.health
-
-    def _news(self) -> list[tuple[HealthLevel, str]]:
-        """What changed since the last time, in sentences."""
-        assert self.health is not None
-        texts: list[tuple[HealthLevel, str]] = []
-        for item in self.health.items:
-            if self._levels.get(item.name, "ok") != item.level:
-                words = item.reason if item.level != "ok" else "well again"
-                texts.append((item.level, f"{item.name}: {words}"))
-        self._levels = {item.name: item.level for item in self.health.items}
-        if self.standing.phase.value != self._reported[0]:
-            texts.insert(0, ("ok", f"{self.standing.phase.value}: {self.standing.reason}"))  # what matters most
-        self._reported = (self.standing.phase.value, self.standing.reason)
-        return texts
-
-
-def _camera_message(network: Network, camera_id: str) -> NetworkCamera:
-    camera = network.camera(camera_id)
-    assert camera is not None
-    sigma = np.sqrt(np.maximum(np.diag(network.pose_covariance(camera_id)), 0.0))
-    a, b, c, d, e, f, g, h, i = camera.R_cam_enu.ravel().tolist()
-    return NetworkCamera(
-        id=camera.id,
-        R_cam_enu=(a, b, c, d, e, f, g, h, i),
-        centre_enu=_triple(camera.centre_enu),
-        sigma_attitude_rad=_triple(sigma[:3]),
-        sigma_centre_m=_triple(sigma[3:]),
-        clock_offset_s=camera.clock_offset_s,
-        clock_rate=camera.clock_rate,
-        readout_s=camera.readout_s,
-        lens=LensMessage.of(camera.lens),
-    )
-
-
-def _triple(vector: Array) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z
