@@ -13,7 +13,7 @@ from typing import Final
 
 from edge.capture import FrameSource, is_live, is_lossless, open_source
 from edge.capture.frame import Picture
-from edge.capture.reader import Reader
+from edge.capture.reader import Reader, ReaderState
 from edge.common.errors import SkyfixError
 from edge.common.health import SEVERITY, Check
 from edge.common.own_thread import OwnThread
@@ -128,8 +128,9 @@ class CameraWorker(OwnThread):
         if error is not None:
             return Check(name, "fail", f"{error.where}: {error.what}", error.action)
         if self.ended:
+            said = "".join(f"; {remark.what}" for remark in state.remarks)
             return Check(
-                name, "warn", f"the recording ended after {state.frames} frames", "start again to play another"
+                name, "warn", f"the recording ended after {state.frames} frames{said}", "start again to play another"
             )
         since_s = time.monotonic() - (state.last_monotonic_s or self._started_s)
         limit_s = self.camera.source.timeout_s if state.last_monotonic_s else STARTING_S
@@ -137,12 +138,7 @@ class CameraWorker(OwnThread):
             return Check(
                 name, "fail", f"no frame for {since_s:.0f} s", "check cable and power; it is opened again by itself"
             )
-        if state.frames == 0:
-            return Check(name, "warn", "waiting for the first frame")
-        if state.time_source == "arrival":
-            action = "use a camera that stamps its frames, or expect a worse position"
-            return Check(name, "warn", "frames are timed by their arrival, 0.1 s uncertain", action)
-        return Check(name, "ok", f"frames arrive, timed by {state.time_source}")
+        return check_frames(name, state)
 
     def _check_pace(self) -> Check:
         name, state = f"detector {self.camera.id}", self.reader.state
@@ -168,6 +164,18 @@ class CameraWorker(OwnThread):
             "source_reopened": float(state.reopened),
         }
         return {**read, **self.pipeline.counters()}
+
+
+def check_frames(name: str, state: ReaderState) -> Check:
+    """How the frames that come are timed, and what is odd about them."""
+    if state.frames == 0:
+        return Check(name, "warn", "waiting for the first frame")
+    if state.remarks:
+        return Check(name, "warn", "; ".join(one.what for one in state.remarks), state.remarks[0].action)
+    if state.time_source == "arrival":
+        action = "use a camera that stamps its frames, or expect a worse position"
+        return Check(name, "warn", "frames are timed by their arrival, 0.1 s uncertain", action)
+    return Check(name, "ok", f"frames arrive, timed by {state.time_source}")
 
 
 def check_view(camera: str, view: ViewWatch) -> Check:

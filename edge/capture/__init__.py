@@ -8,10 +8,11 @@ from typing import Final, Literal
 
 import cv2
 
-from edge.capture.files import ImageFolder, VideoFile
+from edge.capture.folder import ImageFolder
 from edge.capture.frame import FrameSource, Image, Picture, TimeSource
 from edge.capture.live import RtspStream, V4l2Camera, open_rtsp, open_v4l2
 from edge.capture.pacing import Realtime
+from edge.capture.video import VideoFile
 from edge.common.errors import ConfigError
 from edge.common.utc import Dated
 from edge.config import CameraConfig
@@ -26,7 +27,7 @@ FOLDER_FPS: Final = 30.0  # for images that carry no time
 Kind = Literal["file", "v4l2", "rtsp", "folder"]
 
 cv2.setNumThreads(1)  # frames are worked on side by side, by threads of our own, and not within one
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # luma retrieval warns once a frame
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_WARNING)  # what it warns of is ours to know
 
 
 def kind_of(camera: CameraConfig) -> Kind:

@@ -38,6 +38,14 @@ class Picture:
         return self.image.shape[1], self.image.shape[0]
 
 
+@dataclass(frozen=True)
+class Remark:
+    """What the operator should know of a source that works: what is odd about it, and what to do."""
+
+    what: str
+    action: str
+
+
 class FrameSource(Protocol):
     """Something frames come out of, one after the other."""
 
@@ -47,6 +55,10 @@ class FrameSource(Protocol):
     @property
     def skipped(self) -> int:
         """Frames passed over inside the source because they came too late."""
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """What is to be known of it, so far."""
 
     def read(self) -> Picture | None:
         """The next frame, None at the end. Raises SourceError if the source is dead."""

@@ -11,8 +11,9 @@ from typing import Any, Final, Protocol
 
 import cv2
 
-from edge.capture.files import grey
-from edge.capture.frame import Picture, StampOf, middle_of_exposure
+from edge.capture.decoding import FILLS, first_retrieved, undecoded, unwritten
+from edge.capture.frame import Picture, Remark, StampOf, middle_of_exposure
+from edge.capture.grey import grey
 from edge.capture.stamps import (
     ARRIVAL_BOUND_S,
     SENDER_BOUND_S,
@@ -58,6 +59,11 @@ class V4l2Camera:
 
     live = True
     skipped = 0
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """Nothing so far."""
+        return []
 
     def __init__(
         self,
@@ -113,6 +119,11 @@ class RtspStream:
     live = True
     skipped = 0
 
+    @property
+    def remarks(self) -> list[Remark]:
+        """Nothing so far."""
+        return []
+
     def __init__(
         self,
         capture: Grabber,
@@ -132,6 +143,7 @@ class RtspStream:
         self._least_delay = LeastDelay()
         self._rounding = FrameRounding()
         self._drift = StreamDrift()
+        self._seen = False
 
     def read(self) -> Picture | None:
         """The next frame. Raises SourceError when the stream is dead."""
@@ -139,9 +151,7 @@ class RtspStream:
             raise _dead(self._path)
         arrival_ns = self._monotonic_ns()
         at_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
-        ok, image = self._capture.retrieve()
-        if not ok:
-            raise _dead(self._path)
+        image = self._pixels()
         image = image if self._colour else grey(image)
         stream_ns = round(at_ms * 1e6)
         arrived_ns = self._least_delay.arrived_ns(stream_ns, arrival_ns)
@@ -153,6 +163,20 @@ class RtspStream:
             return Picture(dated.t_unix_ns - self._delay_ns, image, "arrival", total_s)
         sent_ns += self._drift.drift_ns(stream_ns, arrived_ns, sent_ns)
         return Picture(sent_ns - self._delay_ns, image, "sender", SENDER_BOUND_S)
+
+    def _pixels(self) -> Any:
+        """The frame's picture; the first of a stream is held against what its memory was filled with."""
+        if self._seen:
+            ok, image = self._capture.retrieve()
+        else:
+            image = first_retrieved(self._capture, FILLS[0])
+            ok = image is not None
+            if image is not None and unwritten(image, FILLS[0]):
+                raise undecoded(self._path)
+        if not ok or image is None:
+            raise _dead(self._path)
+        self._seen = True
+        return image
 
     def _sent_unix_ns(self, at_ms: float) -> int | None:
         """The sender's time of the frame: its opening time plus the presentation time, unrounded."""

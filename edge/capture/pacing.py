@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from edge.capture.files import VideoFile
-from edge.capture.frame import Picture
+from edge.capture.frame import Picture, Remark
+from edge.capture.video import VideoFile
 
 LATE_NS: Final = 100_000_000  # ns: three frames at 30 Hz; less is caught up without loss
 
@@ -43,9 +43,14 @@ class Realtime:
                 self.skipped += 1
             elif wait_ns > 0 and self._stop.wait(wait_ns / 1e9):
                 return None
-            else:
-                return self._video.retrieve(t_unix_ns)
+            elif (picture := self._video.retrieve(t_unix_ns)) is not None:
+                return picture
         return None
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """The file's."""
+        return self._video.remarks
 
     def _due(self, t_unix_ns: int) -> int:
         if self._wall_minus_stamp is None:

@@ -13,7 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
-from edge.capture.frame import FrameSource, Picture
+import cv2
+
+from edge.capture.frame import FrameSource, Picture, Remark
 from edge.common.errors import SkyfixError, SourceError
 from edge.common.own_thread import OwnThread
 
@@ -27,7 +29,8 @@ LONGEST_PATIENCE_S: Final = 8.0
 
 @dataclass(frozen=True)
 class ReaderState:
-    """How the reading goes. last_monotonic_s: when the last frame came, None before the first. error: why none come."""
+    """How the reading goes. last_monotonic_s: when the last frame came, None before the first. error: why none come.
+    remarks: what is odd about the source that is open, or was last."""
 
     frames: int = 0
     dropped: int = 0
@@ -36,6 +39,7 @@ class ReaderState:
     time_source: str = ""
     error: SkyfixError | None = None
     ended: bool = False
+    remarks: tuple[Remark, ...] = ()
 
 
 class Reader(OwnThread):
@@ -61,8 +65,10 @@ class Reader(OwnThread):
     def state(self) -> ReaderState:
         """How it goes, now; `dropped` includes what the source itself passed over."""
         source = self._source
-        skipped = self._skipped_before + (source.skipped if source is not None else 0)
-        return replace(self._state, dropped=self._state.dropped + skipped)
+        if source is None:
+            return replace(self._state, dropped=self._state.dropped + self._skipped_before)
+        skipped = self._skipped_before + source.skipped
+        return replace(self._state, dropped=self._state.dropped + skipped, remarks=tuple(source.remarks))
 
     def get(self, timeout_s: float) -> Picture | None:
         """The next frame, waiting up to timeout_s; None if none came, or none will come any more (`state.ended`)."""
@@ -103,9 +109,13 @@ class Reader(OwnThread):
         try:
             while not self._stop.is_set() and (frame := self._source.read()) is not None:
                 self._put(replace(frame, segment=frame.segment + segment) if segment else frame)
-        except SourceError as error:
+        except SkyfixError as error:
             return error
+        except (OSError, ValueError, cv2.error) as error:
+            where = f"frame {self._state.frames + 1} of {self._name}"
+            return SourceError(f"cannot be read ({error})", where=where, action="check the source, and start again")
         finally:
+            self._update(remarks=tuple(self._source.remarks))
             self._skipped_before += self._source.skipped
             source, self._source = self._source, None
             source.close()

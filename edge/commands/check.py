@@ -93,6 +93,7 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
         size = f"{last.size_px[0]} x {last.size_px[1]}"
         reason = f"{size} frames, timed by {last.time_source}, uncertain by {uncertainty}"
         yield Check(f"camera {camera.id}", level, reason, action)
+        yield from (Check(f"camera {camera.id}", "warn", one.what, one.action) for one in source.remarks)
         yield Check(f"detector {camera.id}", "ok", f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame")
     except SkyfixError as error:
         yield failure(f"camera {camera.id}", error)

@@ -8,8 +8,9 @@ from typing import Final
 import cv2
 import numpy as np
 
-from edge.capture.files import IMAGE_SUFFIXES, VideoFile
+from edge.capture.folder import IMAGE_SUFFIXES
 from edge.capture.frame import Image
+from edge.capture.video import VideoFile
 from edge.common.atomic import write_atomically
 from edge.common.errors import LensError, SourceError
 from edge.lens_fit.boards import Board, BoardView, parse_board
@@ -48,12 +49,12 @@ def pictures(paths: Sequence[str]) -> Iterator[tuple[str, Image | None]]:
 
 
 def _video_pictures(path: str) -> Iterator[tuple[str, Image]]:
-    video = VideoFile(path, t0_unix_ns=0, bound_s=None)
+    video = VideoFile(path, t0_unix_ns=0, bound_s=None, dated=False)
     stamps = iter(video.grab, None)
     count = sum(1 for _ in stamps)
     video.close()
     chosen = set(np.linspace(0, count - 1, min(count, VIDEO_PICTURES)).round().astype(int).tolist())
-    video = VideoFile(path, t0_unix_ns=0, bound_s=None)
+    video = VideoFile(path, t0_unix_ns=0, bound_s=None, dated=False)
     for index in range(count):
         t_unix_ns = video.grab()
         if index in chosen and t_unix_ns is not None and (frame := video.retrieve(t_unix_ns)) is not None:

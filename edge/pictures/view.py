@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from edge.capture.files import grey
 from edge.capture.frame import Image, Picture
+from edge.capture.grey import grey
 from edge.detector.motion import halved
 
 LOOK_NS: Final = 500_000_000  # ns between looks: a knock is over in less, and clouds move little

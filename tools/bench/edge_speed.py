@@ -13,7 +13,7 @@ import time
 import numpy as np
 import onnxruntime
 
-from edge.capture.files import VideoFile
+from edge.capture.video import VideoFile
 from edge.common.errors import SkyfixError
 from edge.config import DetectorConfig, GateConfig
 from edge.detector.full_frame import input_spec

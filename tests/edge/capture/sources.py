@@ -1,5 +1,7 @@
 """What the tests of the sources share: a time, a size, and a driver that does as it is told."""
 
+import subprocess
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,15 @@ def undoubted(monotonic_ns: int) -> Dated:
 def frames_of(source: Any) -> list[Picture]:
     """All that a source gives."""
     return list(iter(source.read, None))
+
+
+def encode(path: Path, images: list[np.ndarray], options: list[str]) -> Path:
+    """A video of grey images at 25 Hz, as ffmpeg makes it with some options."""
+    height, width = images[0].shape
+    head = ["-f", "rawvideo", "-pix_fmt", "gray", "-s", f"{width}x{height}", "-r", "25", "-i", "-"]
+    data = b"".join(image.tobytes() for image in images)
+    subprocess.run(["ffmpeg", "-y", "-loglevel", "error", *head, *options, str(path)], input=data, check=True)
+    return path
 
 
 class FakeCapture:

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from edge.capture.files import VideoFile
 from edge.capture.pacing import Realtime
+from edge.capture.video import VideoFile
 from tests.edge.capture.sources import MS, T0
 
 

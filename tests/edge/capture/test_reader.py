@@ -15,6 +15,7 @@ class Scripted:
 
     live = True
     skipped = 0
+    remarks = ()
 
     def __init__(self, script: list[Any]) -> None:
         self.script = list(script)
