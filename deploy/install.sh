@@ -1,8 +1,8 @@
 #!/bin/bash
 # Install Skyfix on Debian 12 or later, or 64-bit Raspberry Pi OS, arm64 or x86-64. Run as root.
 #
-#   install.sh edge [--site NAME] [--camera ID] [--base ADDRESS]
-#   install.sh base [--site NAME] [--time pps|ntp|none]
+#   install.sh base [--site NAME --base ADDRESS --cameras N] [--time pps|ntp|none]     makes the parts of its boxes, ./NAME
+#   install.sh edge [--from NAME/cam0]     with its part of the site, carried here; or --site NAME --camera ID --base ADDRESS
 #   install.sh router
 #   install.sh rollback                back to the version before, if it came up then
 #   install.sh uninstall [--purge]     --purge also removes configuration and everything recorded

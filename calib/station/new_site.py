@@ -7,16 +7,31 @@ to say for itself is in them; everything else has a default, which deploy/GUIDE.
 
 import re
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from calib.station.config import MAX_CAMERAS, MIN_CAMERAS
 from edge.common.errors import ConfigError
+from edge.link.access import Role
 
 PORT: Final = 7447  # Zenoh's own
 CERTS: Final = "/etc/skyfix/certs"
 STATE_DIR: Final = "/var/lib/skyfix"
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")  # as in a Zenoh key and in a certificate
 _ADDRESS: Final = re.compile(r"[A-Za-z0-9.:-]+")
+
+
+class Certified(NamedTuple):
+    """Whom a certificate is for. addresses: where others dial it."""
+
+    name: str
+    role: Role
+    addresses: tuple[str, ...] = ()
+
+    @property
+    def command(self) -> str:
+        """What makes it by hand."""
+        role = "" if self.role == "camera" else f" --role {self.role}"
+        return f"base-station certs issue {self.name}{role}" + "".join(f" --address {each}" for each in self.addresses)
 
 
 @dataclass(frozen=True)
@@ -47,15 +62,18 @@ class NewSite:
         return [f"cam{k}" for k in range(self.cameras)]
 
     @property
-    def certificates(self) -> list[str]:
-        """The commands that make every machine's certificate; none for a bench."""
+    def machines(self) -> list[Certified]:
+        """The base and each box; none for a bench, where nobody proves who he is."""
         if self.base_address is None:
             return []
-        return [
-            f"base-station certs init {self.name}",
-            f"base-station certs issue base --role station --address {self.base_address}",
-            *(f"base-station certs issue {camera}" for camera in self.camera_ids),
-        ]
+        base = Certified("base", "station", (self.base_address,))
+        return [base, *(Certified(camera, "camera") for camera in self.camera_ids)]
+
+    @property
+    def certificates(self) -> list[str]:
+        """The commands that make every machine's certificate; none for a bench."""
+        commands = [machine.command for machine in self.machines]
+        return [f"base-station certs init {self.name}", *commands] if commands else []
 
     def files(self) -> dict[str, str]:
         """Text of each file by its path below the site's folder."""

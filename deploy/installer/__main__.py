@@ -7,7 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from . import changeover, configuration, machine, programs, services, site_time, source, words
+from . import changeover, configuration, machine, programs, services, site_part, site_time, source, words
 from .places import ROLES, Places, Role
 from .telling import RefusedError, say, warn
 from .versions import NEW, Versions
@@ -51,15 +51,21 @@ def install(wanted: argparse.Namespace, places: Places, versions: Versions, tree
     """Install or upgrade a role. Raises RefusedError, with what ran before running."""
     role, origin = ROLES[wanted.act], source.open_source(tree)
     source.check_signature(origin, places.config, wanted.signers, unsigned=wanted.unsigned)
+    site_part.check(wanted, role, places.config)
     had = versions.roles(versions.current)
     target = programs.lay(origin, had | {role.name}, versions)
     machine.make_user(places)
     source.remember_signers(origin, places.config)
+    part = site_part.part_of(wanted, role, places.config, target)
     asleep = role.name in had and services.booted() and not services.enabled(role.unit)
     wakes = services.booted() and not wanted.no_start and not asleep
 
     def prepare() -> None:
-        configuration.lay_configuration(places.config, places.prefix / "current/deploy", role, vars(wanted))
+        carried = None
+        if part is not None:
+            carried = site_part.configuration_of(part, role, places.config)
+            site_part.lay_part(part, role, places.config)
+        configuration.lay_configuration(places.config, places.prefix / "current/deploy", role, vars(wanted), carried)
         if wakes:
             services.control("--quiet", "enable", f"{role.unit}.service", "skyfix-access.path")
             services.control("restart", "skyfix-access.path")
@@ -74,7 +80,7 @@ def install(wanted: argparse.Namespace, places: Places, versions: Versions, tree
     _report(role, places, faults, asleep=asleep, started=wakes)
     say(f"{target.name} is installed as {role.name}")
     # Last: a receiver that is not plugged in yet must not keep a base from running.
-    site_time.lay_time(places, versions, role.name, wanted.time, wanted.base)
+    site_time.lay_time(places, versions, role.name, wanted.time, wanted.base or site_part.base_of(part, role))
 
 
 def _report(role: Role, places: Places, faults: dict[str, str], *, asleep: bool, started: bool) -> None:

@@ -39,27 +39,30 @@ def change(here: Machine, target: Path, wanted: list[str], prepare: Callable[[],
     """
     versions = here.versions
     ran = services.running() if services.booted() else []
-    before, older = _in_force(versions, ran), versions.previous
+    was, older = _in_force(versions, ran), versions.previous
+    dying = _withdraw_if_dying(versions, was)
+    before = older if dying and older not in (None, target) else was
+    ran = list(dict.fromkeys([*ran, *dying]))
     if before not in (None, target) and versions.came_up(before):
         versions.remember(before)  # now, for the power may fail before the end
-    here.enter(target, before)
+    here.enter(target, was)
     prepare()
     if not services.booted():
         return {}
-    upgraded = before not in (None, target)
+    upgraded = was not in (None, target)
     faults = _start([*ran, *wanted], here.watched_s if ran and upgraded else GLANCE_S)
     lost = {unit: why for unit, why in faults.items() if unit in ran}
     if lost and before is not None and upgraded:
         _go_back(here, before, target, lost)
         still = _start(ran, GLANCE_S)
-        versions.remember(older if older != target else None)
+        versions.remember(older if older not in (target, before) else None)
         if still:
             raise RefusedError(_reasons(still), f"{target.name} was not kept, and {before.name} does not run either")
         raise RefusedError(f"{target.name} was not kept", f"{before.name} runs as before")
     if not faults and (ran or wanted):
         versions.mark(target)
     if versions.previous == target:
-        versions.remember(before if versions.came_up(before) else None)
+        versions.remember(before if versions.came_up(before) and before != target else None)
     return faults
 
 
@@ -70,11 +73,23 @@ def _in_force(versions: Versions, ran: list[str]) -> Path | None:
     if len(folders) == 1:
         (running,) = folders
         assert running is not None
-        versions.mark(running)  # it runs: nobody needs a better proof
+        if not versions.came_up(running):
+            versions.mark(running)  # it runs: nobody needs a better proof
         return running
     if current is not None and not versions.came_up(current) and versions.previous is not None:
         return versions.previous
     return current
+
+
+def _withdraw_if_dying(versions: Versions, was: Path | None) -> list[str]:
+    """The units of a version that came up while it was watched, and have died since: it is none to go back to."""
+    if was is None or not services.booted():
+        return []
+    dying = [unit for unit in _wanted() if services.keeps_dying(unit, versions.came_up_s_ago(was))]
+    if dying:
+        versions.withdraw(was)
+        warn(f"{' and '.join(dying)} of {was.name} came up and did not stay: it is not kept to go back to")
+    return dying
 
 
 def _start(units: list[str], watched_s: float) -> dict[str, str]:

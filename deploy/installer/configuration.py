@@ -15,24 +15,39 @@ from typing import Any, Final
 
 from .machine import USER
 from .places import ROLES, Places, Role
-from .telling import say
+from .telling import say, warn
 
 PORT: Final = 7447  # Zenoh's own
 SIGNING_KEY_B: Final = 32
 
 
-def lay_configuration(folder: Path, deploy: Path, role: Role, given: dict[str, str | None]) -> bool:
-    """The role's configuration, if it has none; whether one was written. deploy: where templates and schemas lie."""
+def lay_configuration(
+    folder: Path, deploy: Path, role: Role, given: dict[str, str | None], carried: str | None = None
+) -> bool:
+    """The role's configuration, if it has none; whether one was written.
+
+    deploy: where templates and schemas lie. carried: the text that this machine was given instead of a template.
+    """
     file = folder / f"{role.name}.toml"
     if file.exists():
+        _tell_if_otherwise(file, given)
         return False
-    text = filled((deploy / role.template).read_text(), role.name, given)
+    text = carried or filled((deploy / role.template).read_text(), role.name, given)
     text = re.sub(r"\A#:schema .*schema/", f"#:schema {deploy}/schema/", text)
-    _write(file, text, 0o640, "root")
+    write(file, text, 0o640, "root")
     say(f"wrote {file}: edit it")
     if role.name == "base" and not (folder / "mavlink.key").exists():
-        _write(folder / "mavlink.key", secrets.token_hex(SIGNING_KEY_B), 0o600, USER)
+        write(folder / "mavlink.key", secrets.token_hex(SIGNING_KEY_B), 0o600, USER)
     return True
+
+
+def _tell_if_otherwise(file: Path, given: dict[str, str | None]) -> None:
+    """What is there stays, and whoever asked for a base's address has to know that it is not that one."""
+    link = tomllib.loads(file.read_text()).get("link", {})
+    endpoints = " ".join([*link.get("connect", []), *link.get("listen", [])])
+    wanted = "tls/" if file.name == "base.toml" else f"{given.get('base')}"
+    if given.get("base") and wanted not in endpoints:
+        warn(f"{file} was there and stays as it is: {endpoints}. For a new one move it away and type this again")
 
 
 def filled(text: str, role: str, given: dict[str, str | None]) -> str:
@@ -69,10 +84,13 @@ def _check(read: dict[str, Any], role: str, given: dict[str, str | None]) -> Non
         assert not given.get("base") or "authority" in read["link"]["tls"], "the template has no place for the base"
 
 
-def _write(file: Path, text: str, mode: int, owner: str) -> None:
+def write(file: Path, text: str, mode: int, owner: str) -> None:
+    """A file of the machine's, in one step, that the services' group reads if the mode lets it."""
     following = file.with_name(f".{file.name}.new")
     with os.fdopen(os.open(following, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "w") as opened:
         opened.write(text)
+        opened.flush()
+        os.fsync(opened.fileno())
     following.chmod(mode)
     shutil.chown(following, owner, USER)
     following.rename(file)

@@ -25,7 +25,7 @@ ROLES: Final = {
     )
 }
 SERVICES: Final = tuple(role.unit for role in ROLES.values())
-PROGRAMS: Final = ("edge-node", "base-station")
+PROGRAMS: Final = {"edge-node": "edge.app", "base-station": "calib.station.app"}  # and where each begins
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from .places import SERVICES
 
 STARTS_WITHIN_S: Final = 60.0  # Python, numpy and a model from an SD card take about 15 s on a Raspberry Pi 4
 POLL_S: Final = 0.5
+STAYS_S: Final = 600.0  # up for so long: whatever it died of before, it is not that it cannot run here
 DEATHS: Final = 2  # since it was started: once may be a device that was still held
 
 
@@ -62,6 +63,20 @@ def runs_from(unit: str, prefix: Path) -> Path | None:
         return None
     folder = prefix / interpreter.relative_to(prefix).parts[0]
     return folder.resolve() if folder.is_dir() else None
+
+
+def keeps_dying(unit: str, since_s: float) -> bool:
+    """Whether a unit that is meant to run dies again and again. since_s: how long ago its version came up.
+
+    One that has failed waits for a person: that is its configuration, not its version.
+    """
+    state, sub, deaths, up_us = show(unit, "ActiveState", "SubState", "NRestarts", "ActiveEnterTimestampMonotonic")
+    if state == "failed" or not enabled(unit):
+        return False
+    died = int(deaths or 0) + (sub == "auto-restart")
+    up_s = time.monotonic() - int(up_us or 0) * 1e-6 if state == "active" else 0.0
+    # Once may be a cable; within the first minutes of a version it is the version.
+    return up_s < STAYS_S and died >= (1 if since_s < STAYS_S else DEATHS)
 
 
 def come_up(units: Iterable[str], watched_s: float) -> dict[str, str]:

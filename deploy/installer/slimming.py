@@ -5,7 +5,8 @@ of what is already inside. No library is replaced, none of its licences removed.
 compiled files; the loader never looks at it.
 """
 
-import shutil
+import os
+import re
 import struct
 from pathlib import Path
 from typing import Final
@@ -74,21 +75,44 @@ DROPPED: Final = (
 KEPT: Final = ("pymavlink/dialects/v20/common.py",)
 
 
+def _expression(pattern: str) -> str:
+    """A pattern of path parts as a regular expression; `**` is any number of folders."""
+    said = ""
+    for part in re.findall(r"\*\*/|\*|\[!?[^\]]+\]|[^*\[]+", pattern):
+        if part == "**/":
+            said += "(?:[^/]+/)*"
+        elif part == "*":
+            said += "[^/]*"
+        else:
+            said += part.replace("[!", "[^") if part.startswith("[") else re.escape(part)
+    return said
+
+
+_DROPPED: Final = re.compile("|".join(f"(?:{_expression(pattern)})(?:/|$)" for pattern in DROPPED))
+
+
+def dropped(name: str) -> bool:
+    """Whether a file is left out, by its name below site-packages."""
+    return name not in KEPT and "/licenses/" not in name and _DROPPED.match(name) is not None
+
+
 def slim(packages: Path) -> int:
     """Remove it from a site-packages folder; bytes saved."""
     before = _size(packages)
-    for pattern in DROPPED:
-        for path in [*packages.glob(pattern)]:
-            name = str(path.relative_to(packages))
-            if name in KEPT or "/licenses/" in name or not path.exists():
-                continue
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
-                path.unlink()
+    for folder, _, files in os.walk(packages, topdown=False):
+        for file in files:
+            if dropped(str((Path(folder) / file).relative_to(packages))):
+                (Path(folder) / file).unlink()
+        if folder != str(packages) and not any(Path(folder).iterdir()):
+            Path(folder).rmdir()
+    strip_all(packages)
+    return before - _size(packages)
+
+
+def strip_all(packages: Path) -> None:
+    """Every compiled file of a site-packages folder."""
     for library in packages.rglob("*.so*"):
         strip(library)
-    return before - _size(packages)
 
 
 def strip(file: Path) -> int:

@@ -1,10 +1,11 @@
 """Which versions are laid, which one is current, and which of them ever came up.
 
 The hazard is the way back that leads to another broken version: `previous` is only ever one whose services were seen to
-run, and a version that never was is removed again. A folder is named by its version; the same version with other
-content, or for one more role, is laid beside as <version>.2, <version>.3, ...
+run and had not kept dying when the next one came, and a version that never ran is removed again. A folder is named by
+its version; the same version with other content, or for one more role, is laid beside as <version>.2, <version>.3, ...
 """
 
+import math
 import shutil
 import time
 from itertools import count
@@ -55,6 +56,17 @@ class Versions:
     def mark(self, folder: Path) -> None:
         """They were, just now."""
         (folder / CAME_UP).write_text(f"{time.time():.0f}\n")
+
+    def came_up_s_ago(self, folder: Path) -> float:
+        """How long ago that was, s; infinite if it does not say."""
+        try:
+            return time.time() - float((folder / CAME_UP).read_text())
+        except (OSError, ValueError):
+            return math.inf
+
+    def withdraw(self, folder: Path) -> None:
+        """It came up, and did not stay."""
+        (folder / CAME_UP).unlink(missing_ok=True)
 
     def name_for(self, version: str) -> Path:
         """A folder that nobody has yet."""

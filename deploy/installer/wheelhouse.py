@@ -1,7 +1,7 @@
-"""Which of a bundle's wheels a role needs on this machine, and how large they are once unpacked.
+"""Which of a bundle's wheels a role needs on this machine.
 
-Asked before anything is laid: what is missing, or too large, is then told with its numbers. pip's own reading of
-wheels and requirements is used, out of the pip that is in the bundle.
+Asked before anything is laid: what is missing is then told by name. pip's own reading of wheels and requirements is
+used, out of the pip that is in the bundle.
 """
 
 import email
@@ -39,12 +39,6 @@ class Wheel:
         with zipfile.ZipFile(self.path) as wheel:
             name = next(each for each in wheel.namelist() if each.endswith(".dist-info/METADATA"))
             return email.message_from_bytes(wheel.read(name))
-
-    @property
-    def size(self) -> int:
-        """Bytes once unpacked."""
-        with zipfile.ZipFile(self.path) as wheel:
-            return sum(entry.file_size for entry in wheel.infolist())
 
 
 def fitting(wheels: Path) -> dict[str, Wheel]:

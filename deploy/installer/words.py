@@ -26,10 +26,7 @@ def parse(words: list[str]) -> argparse.Namespace:
         )
         act.add_argument("--no-start", action="store_true", help="lay everything, start nothing")
         act.add_argument("--watch", type=float, default=WATCHED_S, metavar="S", help="how long an upgrade is watched")
-        act.add_argument("--site", help="the site's name, for a configuration that is not there yet")
-        act.add_argument("--camera", metavar="ID", help="edge: the camera's id")
-        act.add_argument("--base", metavar="ADDRESS", help="edge: the base's address")
-        act.add_argument("--time", choices=["pps", "ntp", "none"], default="none", help="base: serve the site's time")
+        _add_site(act)
     back = acts.add_parser("rollback", help="back to the version before")
     back.add_argument("--watch", type=float, default=WATCHED_S, metavar="S", help="how long it is watched")
     remove = acts.add_parser("uninstall", help="remove the programs")
@@ -39,4 +36,27 @@ def parse(words: list[str]) -> argparse.Namespace:
         value = getattr(wanted, option, None)
         if value is not None and not rule.fullmatch(value):
             raise RefusedError(f"--{option} {value!r} cannot be one", f"use {rule.pattern}", 2)
+    if getattr(wanted, "time", "") is None:
+        # Boxes follow their base, so one that they dial serves them the time.
+        wanted.time = "ntp" if wanted.act == "base" and wanted.base else "none"
     return wanted
+
+
+def _add_site(act: argparse.ArgumentParser) -> None:
+    """What a machine is at which site; for a configuration that is not there yet."""
+    act.add_argument("--site", help="the site's name, for a configuration that is not there yet")
+    act.add_argument("--cameras", type=int, default=3, metavar="N", help="base: how many the site has (default: 3)")
+    act.add_argument("--camera", metavar="ID", help="edge: the camera's id")
+    act.add_argument("--base", metavar="ADDRESS", help="the base's address, as the boxes dial it")
+    act.add_argument(
+        "--from",
+        dest="carried",
+        type=Path,
+        metavar="FOLDER",
+        help="this machine's part of a site: configuration, certificates, lens",
+    )
+    act.add_argument(
+        "--time",
+        choices=["pps", "ntp", "none"],
+        help="base: serve the site's time (default: with --base ntp)",
+    )

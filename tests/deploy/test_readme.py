@@ -37,7 +37,7 @@ def test_what_can_be_no_name_or_address_is_refused(words: str) -> None:
 
 @pytest.mark.parametrize("page", TYPED)
 def test_every_line_for_a_machine_is_typed_in_one_or_is_named_with_the_reason(page: str) -> None:
-    """What types them is tests/machine/test_typed.py."""
+    """What types them is tests/machine/test_installed.py."""
     typed = {bare(line(page, words)) for words in TYPED[page]}
     assert {bare(each) for each in lines(page)} - typed - UNTYPED.keys() == set()
 

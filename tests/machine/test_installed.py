@@ -1,6 +1,7 @@
-"""What is installed is what is tested: a booted machine without a network, the bundle, both programs under their units.
+"""What is installed is what is tested: booted machines, no internet, the bundle, programs under their units.
 
-One life is lived through (tools/rehearsal/life.py), 3 to 5 minutes on two cores; each test looks at one thing in it.
+One life is lived through (tools/rehearsal/whole.py): a site of four machines, and what becomes of its base, by what the
+pages tell a person to type, word for word. Each test looks at one thing in it.
 """
 
 from collections.abc import Iterator
@@ -9,17 +10,18 @@ from pathlib import Path
 import pytest
 
 from tools.rehearsal import debian
-from tools.rehearsal.life import ASKED, Life, lived
+from tools.rehearsal.life import Life, lived
 from tools.rehearsal.machine import CannotBoot
+from tools.rehearsal.whole import ASKED, whole
 
-pytestmark = pytest.mark.program("systemd-nspawn", "mmdebstrap", "setpriv", "nsenter")
+pytestmark = pytest.mark.program("systemd-nspawn", "mmdebstrap", "setpriv", "nsenter", "ip", "ssh-keygen")
 
 
 @pytest.fixture(scope="module")
 def life(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Life]:
     """The life; skipped, with the reason, where no machine can be booted."""
     try:
-        with lived(debian.make(), built, tmp_path_factory.mktemp("bundles")) as done:
+        with lived(debian.make(), built, tmp_path_factory.mktemp("bundles"), whole) as done:
             yield done
     except CannotBoot as reason:
         pytest.skip(str(reason))

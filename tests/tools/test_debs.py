@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from deploy.installer.unpacking import PROGRAM
 from tools.debs.__main__ import COMMON, LEANS_ON, QUESTIONS, common
 from tools.debs.package import SCRIPTS, documents, scripts
-from tools.debs.tree import PACKAGES, PROGRAM, roles
+from tools.debs.tree import PACKAGES, roles
 
 
 @pytest.mark.parametrize("role", roles(), ids=lambda role: role.name)
@@ -44,7 +45,7 @@ def test_a_control_file_names_its_version_and_what_it_leans_on() -> None:
 def test_a_program_does_nothing_when_the_solvers_process_loads_it_again(tmp_path: Path) -> None:
     """Without the guard an installed base starts itself in its solver, which dies."""
     (tmp_path / "program.py").write_text(
-        PROGRAM.format(home="/usr", module="os.path").replace("import main", "import join")
+        PROGRAM.format(python="/usr/bin/python", module="os.path").replace("import main", "import join")
     )
     done = subprocess.run(
         ["python3", "-c", "import program"], cwd=tmp_path, check=False, capture_output=True, text=True

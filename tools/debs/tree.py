@@ -9,22 +9,13 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from deploy.installer import slimming
-from deploy.installer.places import PROGRAMS, ROLES, Role
+from deploy.installer import slimming, unpacking
+from deploy.installer.places import ROLES, Role
 from tools.bundle import PLATFORMS, ROOT, pins, refuse_strangers
 
 PYTHON: Final = "3.11"  # Debian 12's
 INTERPRETER: Final = f"/usr/bin/python{PYTHON}"
 UNCHECKED: Final = py_compile.PycInvalidationMode.UNCHECKED_HASH  # the same bytes on every computer
-# Guarded: the solver's process loads this file again.
-PROGRAM: Final = """\
-#!{home}/bin/python
-import sys
-from {module} import main
-
-if __name__ == "__main__":
-    sys.exit(main())
-"""
 PACKAGES: Final = {"edge": "skyfix-box", "base": "skyfix-base", "router": "skyfix-router"}
 
 
@@ -45,11 +36,7 @@ def lay(root: Path, role: Role, wheel: Path, wheels: Path, machine: str) -> None
     for name in ("python", "python3", f"python{PYTHON}"):
         (folder / "bin" / name).symlink_to(os.path.relpath(INTERPRETER, f"{home(role)}/bin"))
     (folder / "pyvenv.cfg").write_text(f"home = /usr/bin\ninclude-system-site-packages = false\nversion = {PYTHON}\n")
-    for name in PROGRAMS:
-        module = {"edge-node": "edge.app", "base-station": "calib.station.app"}[name]
-        program = folder / "bin" / name
-        program.write_text(PROGRAM.format(home=home(role), module=module))
-        program.chmod(0o755)
+    unpacking.write_programs(folder / "bin", f"{home(role)}/bin/python")
     slimming.slim(packages)
     shutil.rmtree(packages / "bin", ignore_errors=True)
     _tidy(packages)

@@ -1,7 +1,6 @@
 """Rehearse installations, as root; a finding a line, 1 if one is FAIL.
 
-python -m tools.rehearsal                      what CI lives through
-python -m tools.rehearsal typed                what the pages say, word for word; CI too
+python -m tools.rehearsal                      what CI lives through: four machines, and what the pages say
 python -m tools.rehearsal trouble              machines that are full, read-only, old, or set on purpose
 python -m tools.rehearsal packages             the Debian packages, by apt's own means
 python -m tools.rehearsal upgrades --seed 7    twenty upgrades, every third broken: half an hour
@@ -16,12 +15,13 @@ from typing import Final
 
 from tools import bundle
 from tools.rehearsal import debian
-from tools.rehearsal.life import Life, first_base, flight, heart, lived, second_role
+from tools.rehearsal.bench import first_base, flight, second_role
+from tools.rehearsal.life import Life, lived
 from tools.rehearsal.machine import CannotBoot
 from tools.rehearsal.packages import built_debs, packages
 from tools.rehearsal.trouble import trouble
-from tools.rehearsal.typed import typed
 from tools.rehearsal.upgrades import upgrades
+from tools.rehearsal.whole import whole
 
 
 def _upgraded(life: Life, seed: int) -> None:
@@ -31,12 +31,8 @@ def _upgraded(life: Life, seed: int) -> None:
     upgrades(life, seed)
 
 
-def _heart(life: Life, _seed: int) -> None:
-    heart(life)
-
-
-def _typed(life: Life, _seed: int) -> None:
-    typed(life)
+def _whole(life: Life, _seed: int) -> None:
+    whole(life)
 
 
 def _packages(life: Life, _seed: int) -> None:
@@ -49,11 +45,10 @@ def _trouble(life: Life, _seed: int) -> None:
 
 # What each part does, and how large its disk for programs is (MB; 0: as large as there is room).
 PARTS: Final = {
-    "heart": (_heart, 0),
     "packages": (_packages, 0),
     "trouble": (_trouble, 0),
-    "typed": (_typed, 0),
     "upgrades": (_upgraded, 2000),
+    "whole": (_whole, 0),
 }
 
 
@@ -77,7 +72,7 @@ def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m tools.rehearsal", description="A life on a booted machine.")
     parser.add_argument("--bundle", type=Path, metavar="TAR", help="one that is built already")
-    parser.add_argument("part", nargs="?", choices=sorted(PARTS), default="heart")
+    parser.add_argument("part", nargs="?", choices=sorted(PARTS), default="whole")
     parser.add_argument("--seed", type=int, default=7, help="upgrades: which are broken, and how (default: 7)")
     options = parser.parse_args()
     print(f"{options.part}, seed {options.seed}", flush=True)

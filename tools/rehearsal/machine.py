@@ -1,4 +1,7 @@
-"""One machine: a copy of the bare Debian, booted with systemd-nspawn, without a network but its own loopback."""
+"""One machine: a copy of the bare Debian, booted with systemd-nspawn, without a network but its own loopback.
+
+Machines that are to hear one another are given a cable (`cable.py`).
+"""
 
 import shutil
 import signal
@@ -25,7 +28,7 @@ class CannotBoot(Exception):  # noqa: N818 -- a state of this computer
 
 
 class Machine:
-    """Use as a context manager. root: its file system, as seen from here."""
+    """Use as a context manager. root: its file system, as seen from here; leader: its first process, 0 while off."""
 
     def __init__(self, bare: Path, name: str = "skyfix", *, programs_mb: int = 0) -> None:
         """programs_mb: how large the disk of /opt is, for one that can be filled; 0 for this computer's own."""
@@ -35,7 +38,7 @@ class Machine:
         self._said = self._folder / "console"
         subprocess.run(["cp", "-a", "--reflink=auto", str(bare), str(self.root)], check=True)
         self._nspawn: subprocess.Popen[bytes] | None = None
-        self._leader = 0
+        self.leader = 0
         self.booted_s = 0.0
 
     def __enter__(self) -> Self:
@@ -78,8 +81,8 @@ class Machine:
         while time.monotonic() - began_s < BOOTS_WITHIN_S:
             if self._nspawn.poll() is not None:
                 break
-            self._leader = self._find_leader(self._nspawn.pid)
-            if self._leader and self.ask("systemctl is-system-running") in ("running", "degraded"):
+            self.leader = self._find_leader(self._nspawn.pid)
+            if self.leader and self.ask("systemctl is-system-running") in ("running", "degraded"):
                 self.booted_s = time.monotonic() - began_s
                 return
             time.sleep(LOOK_S)
@@ -97,14 +100,14 @@ class Machine:
         """At once, as when the plug is pulled."""
         if self._nspawn is None:
             return
-        if self._leader and self._nspawn.poll() is None:
-            subprocess.run(["kill", "-KILL", str(self._leader)], check=False)
+        if self.leader and self._nspawn.poll() is None:
+            subprocess.run(["kill", "-KILL", str(self.leader)], check=False)
         try:
             self._nspawn.wait(10.0)
         except subprocess.TimeoutExpired:
             self._nspawn.send_signal(signal.SIGKILL)
             self._nspawn.wait()
-        self._nspawn, self._leader = None, 0
+        self._nspawn, self.leader = None, 0
 
     def run(self, script: str, timeout_s: float = 300.0) -> "subprocess.CompletedProcess[str]":
         """A line of shell, as root, in it."""
@@ -148,4 +151,4 @@ class Machine:
         return self.ask(f"journalctl --no-pager --output=cat --lines={lines} --unit={unit}")
 
     def _entered(self, *namespaces: str) -> list[str]:
-        return ["nsenter", f"--target={self._leader}", *namespaces, "--"]
+        return ["nsenter", f"--target={self.leader}", *namespaces, "--"]

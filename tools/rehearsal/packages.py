@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Final
 
 from tools.debs.__main__ import all_of
-from tools.rehearsal.life import ONLINE, SETTLED_S, Life, configure_box, film, flight
+from tools.rehearsal.bench import ONLINE, configure_box, film, flight
+from tools.rehearsal.life import SETTLED_S, Life
 
 APT: Final = "export DEBIAN_FRONTEND=noninteractive; cd /root/{folder} && apt-get -q --yes {more} install {files} 2>&1"
 LATER: Final = "9.0.0"

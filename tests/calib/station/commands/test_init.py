@@ -11,6 +11,7 @@ from calib.station.config import MAX_CAMERAS, BaseConfig
 from edge.common import settings
 from edge.config import BoxConfig
 from edge.link.access import load_access
+from edge.link.heading import read_heading
 
 
 def made(folder: Path, *words: str) -> tuple[BaseConfig, list[BoxConfig]]:
@@ -54,6 +55,35 @@ def test_the_certificates_it_asks_for_can_be_made(
         ("cam1",),
         ("cam2",),
     }
+
+
+def test_it_makes_them_itself_and_each_box_s_lie_beside_its_configuration(tmp_path: Path) -> None:
+    folder = tmp_path / "hill"
+    made(folder, "--cameras", "4", "--base", "192.168.7.1", "--certs")
+    listed = load_access(folder / "certs" / "access.json")
+    assert [subject.name for subject in listed.subjects] == ["base", "cam0", "cam1", "cam2", "cam3"]
+    for subject in listed.subjects[1:]:
+        carried = folder / subject.name / "certs"
+        heading = read_heading(carried / "certificate.pem")
+        assert heading is not None
+        assert (heading.common_name, heading.cameras) == (subject.common_name, (subject.name,))
+        assert (carried / "key.pem").stat().st_mode & 0o077 == 0
+        assert (carried / "authority.pem").read_bytes() == (folder / "certs/authority.pem").read_bytes()
+    assert main(["init", "hill", "--base", "192.168.7.1", "--certs", "-o", str(folder)]) == 2
+
+
+def test_certificates_are_not_made_over_an_authority_that_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["certs", "--folder", str(tmp_path / "certs"), "init", "hill"]) == 0
+    assert main(["init", "hill", "--base", "10.0.0.1", "--certs", "-o", str(tmp_path)]) == 2
+    assert "authority.key: is there already" in capsys.readouterr().err
+    assert not (tmp_path / "base.toml").exists()
+
+
+def test_a_bench_has_no_certificates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["init", "hill", "--certs", "-o", str(tmp_path / "hill")]) == 2
+    assert "give the base's address: --base" in capsys.readouterr().err
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,158 @@
+"""A machine's part of a site: made with the base, carried to each box, laid where the programs look for it.
+
+The hazard is the site that two people typed: a box that dials an address on which nobody listens, with a certificate
+that nobody made. So the base's installation makes the parts of all machines, `base-station init` writing them, and a
+box takes its own. A part is a folder: ROLE.toml, the files that stand beside it, and the certificates.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+from typing import Any, Final
+
+from .configuration import PORT, write
+from .machine import USER
+from .places import ROLES, Role
+from .telling import RefusedError, say
+
+PEMS: Final = ("authority.pem", "certificate.pem", "key.pem")
+BESIDE: Final = {"edge": "*.lens.toml", "base": "survey.toml"}  # the configuration, and with it
+BEARS: Final = {"edge": "camera", "base": "station", "router": "router"}  # the role in its certificate
+CERTIFICATES: Final = "/etc/skyfix/certs"  # as configurations name it
+
+
+def check(wanted: argparse.Namespace, role: Role, config: Path) -> None:
+    """Before anything is changed. Raises RefusedError for a part that is none, another's, or would be made twice."""
+    part: Path | None = wanted.carried
+    if part is None:
+        folder = Path(wanted.site or "")
+        if _makes(wanted, role, config) and wanted.site and folder.exists():
+            raise RefusedError(f"{folder.resolve()} is there already", f"give --from {folder}, or move it away", 2)
+        return
+    pems = _pems(part, role)
+    if not (part / f"{role.name}.toml").exists() and pems is None:
+        raise RefusedError(f"{part} has no {role.name}.toml and no certificates", "carry it here from the base", 2)
+    said = _said_by(pems) if pems else {}
+    if said.get("role", BEARS[role.name]) != BEARS[role.name]:
+        raise RefusedError(f"the certificate in {part} is a {said['role']}'s", f"give the {role.name}'s own folder", 2)
+    read = _read(part, role)
+    sites = [read.get("site", {}).get("name") if role.name == "base" else read.get("site"), said.get("site")]
+    cameras = [each.get("id") for each in read.get("camera", ())] or said.get("cameras", "").split()
+    for option, given, found in (("site", wanted.site, sites), ("camera", wanted.camera, cameras)):
+        known = [each for each in found if each not in (None, "*")]
+        if given and known and given not in known and (option == "site" or role.name == "edge"):
+            raise RefusedError(f"{part} is of {option} {known[0]}, not {given}", f"leave --{option} away", 2)
+
+
+def _makes(wanted: argparse.Namespace, role: Role, config: Path) -> bool:
+    return role.name == "base" and bool(wanted.base) and not (config / "base.toml").exists()
+
+
+def part_of(wanted: argparse.Namespace, role: Role, config: Path, version: Path) -> Path | None:
+    """The part to lay: what was carried here, or a new site's, made by that version; None: neither was asked for."""
+    if wanted.carried is not None:
+        return Path(wanted.carried)
+    if not _makes(wanted, role, config):
+        return None
+    if wanted.site is None:
+        raise RefusedError("a base that boxes dial needs its site's name", "give --site NAME as well", 2)
+    folder = Path(wanted.site)
+    words = ["init", wanted.site, "--cameras", str(wanted.cameras), "--base", wanted.base, "--certs", "-o", str(folder)]
+    done = subprocess.run([str(version / "bin/base-station"), *words], capture_output=True, text=True, check=False)
+    if done.returncode:
+        told = (done.stderr or done.stdout).strip().splitlines()[-1:]
+        raise RefusedError(f"the site could not be made: {' '.join(told)}", "nothing was changed", done.returncode)
+    _give_to_whoever_typed(folder)
+    boxes = " ".join(str(box.parent) for box in sorted(folder.glob("*/edge.toml")))
+    say(
+        f"made {folder.resolve()}; carry to each box its own folder ({boxes}), and there: install.sh edge --from FOLDER"
+    )
+    say(f"{folder}/certs/authority.key makes machines of this site: move {folder} off this machine afterwards")
+    return folder
+
+
+def _give_to_whoever_typed(folder: Path) -> None:
+    """They copy it to the boxes, and are root on none of these machines but by sudo."""
+    user, group = os.environ.get("SUDO_UID", ""), os.environ.get("SUDO_GID", "")
+    if user.isdigit() and group.isdigit():
+        for path in (folder, *folder.rglob("*")):
+            os.chown(path, int(user), int(group), follow_symlinks=False)
+
+
+def lay_part(part: Path, role: Role, config: Path) -> None:
+    """Certificates, new ones over old; what stands beside the configuration, where it is not there yet."""
+    pems = _pems(part, role)
+    if pems is not None:
+        _lay_certificates(pems, config / certificates_of(role, config))
+    listed = part / "certs/access.json"
+    if role.name != "edge" and listed.exists():
+        write(config / certificates_of(role, config) / "access.json", listed.read_text(), 0o644, "root")
+    for file in part.glob(BESIDE.get(role.name, "")) if role.name in BESIDE else ():
+        if not (config / file.name).exists():
+            write(config / file.name, file.read_text(), 0o640, "root")
+            say(f"wrote {config / file.name}")
+
+
+def _lay_certificates(pems: Path, folder: Path) -> None:
+    folder.mkdir(exist_ok=True)
+    folder.chmod(0o750)
+    shutil.chown(folder, "root", USER)
+    for name in PEMS:
+        private = name == "key.pem"
+        write(folder / name, (pems / name).read_text(), 0o600 if private else 0o644, USER if private else "root")
+    say(f"wrote {folder}: who this machine is")
+
+
+def configuration_of(part: Path, role: Role, config: Path) -> str | None:
+    """The configuration in a part, with the certificates where they are laid here; None: it has none."""
+    file = part / f"{role.name}.toml"
+    if not file.exists():
+        return None
+    return re.sub(rf"{CERTIFICATES}/", f"/etc/skyfix/{certificates_of(role, config)}/", file.read_text())
+
+
+def certificates_of(role: Role, config: Path) -> str:
+    """The folder of a role's certificates below /etc/skyfix: two roles of one machine are two to their site."""
+    own = config / f"{role.name}.toml"
+    if own.exists():
+        return f"certs-{role.name}" if f"{CERTIFICATES}-{role.name}/" in own.read_text() else "certs"
+    others = [config / f"{other}.toml" for other in ROLES if other != role.name]
+    taken = any(re.search(rf'^key = "{CERTIFICATES}/', other.read_text(), re.M) for other in others if other.exists())
+    return f"certs-{role.name}" if taken else "certs"
+
+
+def base_of(part: Path | None, role: Role) -> str | None:
+    """The address of the base that a box's part dials; None if it says none."""
+    if part is None or role.name != "edge":
+        return None
+    for endpoint in _read(part, role).get("link", {}).get("connect", []):
+        found = re.fullmatch(rf"tls/\[?(.+?)\]?:{PORT}", endpoint)
+        if found:
+            return found[1]
+    return None
+
+
+def _pems(part: Path, role: Role) -> Path | None:
+    """Where a part's certificates lie: in it, below it, or, in a whole site's folder, where they were issued."""
+    places = (part, part / "certs", part / "certs/issued" / role.name)
+    return next((place for place in places if all((place / name).exists() for name in PEMS)), None)
+
+
+def _said_by(pems: Path) -> dict[str, str]:
+    """What stands above a certificate: role, site and cameras, by these words; older ones say nothing."""
+    heading = (pems / "certificate.pem").read_text(errors="replace").partition("-----BEGIN")[0]
+    return {word: value for word, _, value in (line.partition(" ") for line in heading.splitlines())}
+
+
+def _read(part: Path, role: Role) -> dict[str, Any]:
+    """What a part's configuration says; empty if it has none. Raises RefusedError if it cannot be read."""
+    try:
+        return tomllib.loads((part / f"{role.name}.toml").read_text())
+    except FileNotFoundError:
+        return {}
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise RefusedError(f"{part}/{role.name}.toml cannot be read ({error})", "correct it", 2) from None

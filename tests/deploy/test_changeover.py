@@ -1,0 +1,173 @@
+"""Which version is gone back to, and which is kept for it, when versions come up, stay, die late, or do not come up.
+
+systemd is a stand-in, a program that tells what a file says: how versions really run is seen in tests/machine.
+"""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from deploy.installer import changeover, machine, services
+from deploy.installer.changeover import Machine, change, roll_back
+from deploy.installer.places import Places
+from deploy.installer.telling import RefusedError
+from deploy.installer.versions import Versions
+
+UNIT = "edge-node"
+UP = {"ActiveState": "active", "SubState": "running"}
+SYSTEMCTL = """\
+#!{python}
+import json, sys
+state = json.load(open("{file}"))
+words = [word for word in sys.argv[1:] if not word.startswith("-")]
+if words[0] == "show":
+    here = state if words[1] == "edge-node.service" else dict()
+    for name in (word.partition("=")[2] for word in sys.argv if word.startswith("--property=")):
+        print(name + "=" + str(here.get(name, "")))
+elif words[0] == "is-enabled":
+    print("enabled" if words[1] == "edge-node.service" else "disabled")
+"""
+
+
+class Computer:
+    """A machine with one box's service. dies: versions whose service does not come up."""
+
+    def __init__(self, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.versions, self.dies = Versions(root / "opt/skyfix"), set[str]()
+        self._state = root / "state.json"
+        self._places = Places(root)
+        (root / "bin").mkdir()
+        (root / "bin/systemctl").write_text(SYSTEMCTL.format(python=sys.executable, file=self._state))
+        (root / "bin/systemctl").chmod(0o755)
+        monkeypatch.setenv("PATH", f"{root / 'bin'}{os.pathsep}{os.environ['PATH']}")
+        monkeypatch.setattr(services, "booted", lambda: True)
+        monkeypatch.setattr(services, "runs_from", lambda *_: self.versions.current if self._reads() else None)
+        monkeypatch.setattr(services, "journal", lambda *_: "")
+        monkeypatch.setattr(machine, "lay_units", lambda *_: None)
+        monkeypatch.setattr(changeover.services, "come_up", self._come_up)
+        self.is_now()
+
+    def _come_up(self, units: list[str], _watched_s: float) -> dict[str, str]:
+        current = self.versions.current
+        assert current is not None
+        if current.name in self.dies:
+            self.is_now(ActiveState="failed", SubState="failed")
+            return dict.fromkeys(units, "failed (exit-code)")
+        self.is_now(**UP)
+        return {}
+
+    def is_now(self, *, up_s: float = 50.0, **properties: object) -> None:
+        """What systemd says of the service."""
+        up_us = round((time.monotonic() - up_s) * 1e6)
+        self._state.write_text(json.dumps({"ActiveEnterTimestampMonotonic": up_us, "NRestarts": 0} | properties))
+
+    def _reads(self) -> bool:
+        return bool(json.loads(self._state.read_text()).get("ActiveState") == "active")
+
+    def lays(self, name: str, *, dies: bool = False) -> dict[str, str]:
+        """Install a version."""
+        folder = self.versions.prefix / name
+        (folder / "bin").mkdir(parents=True, exist_ok=True)
+        (folder / "bin/python").touch()
+        (folder / ".roles").write_text("edge")
+        if dies:
+            self.dies.add(name)
+        try:
+            return change(Machine(self.versions, self._places), folder, [UNIT], lambda: None)
+        finally:
+            self.versions.prune()
+
+    def rolls_back(self) -> None:
+        roll_back(Machine(self.versions, self._places))
+
+    @property
+    def now(self) -> tuple[str | None, str | None]:
+        """Current and previous."""
+        both = (self.versions.current, self.versions.previous)
+        return both[0] and both[0].name, both[1] and both[1].name
+
+
+@pytest.fixture
+def computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Computer:
+    made = Computer(tmp_path, monkeypatch)
+    made.lays("1")
+    made.is_now(**UP, up_s=86400.0)
+    return made
+
+
+def test_one_that_stayed_is_kept_to_go_back_to(computer: Computer) -> None:
+    computer.lays("2")
+    assert computer.now == ("2", "1")
+    computer.rolls_back()
+    assert computer.now == ("1", "2")
+
+
+@pytest.mark.parametrize(
+    "dying",
+    [
+        {**UP, "NRestarts": 1, "up_s": 20.0},
+        {**UP, "NRestarts": 5, "up_s": 1.0},
+        {"ActiveState": "activating", "SubState": "auto-restart", "NRestarts": 0},
+        {"ActiveState": "activating", "SubState": "start", "NRestarts": 3},
+    ],
+    ids=["once, at once", "again and again", "just now", "comes up again"],
+)
+def test_one_that_died_after_it_was_watched_is_not(computer: Computer, dying: dict[str, float]) -> None:
+    computer.lays("2")
+    computer.is_now(**dying)  # type: ignore[arg-type]
+    computer.lays("3")
+    assert computer.now == ("3", "1")
+    assert [folder.name for folder in computer.versions.laid()] == ["1", "3"]
+
+
+def test_what_follows_it_and_does_not_come_up_leads_back_to_the_one_that_stayed(computer: Computer) -> None:
+    computer.lays("2")
+    computer.is_now(**UP, NRestarts=2, up_s=30.0)
+    with pytest.raises(RefusedError, match="3 was not kept; 1 runs as before"):
+        computer.lays("3", dies=True)
+    assert computer.now == ("1", None)
+
+
+def test_rolled_back_from_it_nothing_leads_to_it_again(computer: Computer) -> None:
+    computer.lays("2")
+    computer.is_now(**UP, NRestarts=2, up_s=30.0)
+    computer.rolls_back()
+    assert computer.now == ("1", None)
+    with pytest.raises(RefusedError, match="no version before"):
+        computer.rolls_back()
+
+
+@pytest.mark.parametrize(
+    "once",
+    [{"NRestarts": 1, "up_s": 30.0}, {"NRestarts": 40, "up_s": 3600.0}, {"NRestarts": 0, "up_s": 5.0}],
+    ids=["a cable was pulled", "long ago", "started by hand"],
+)
+def test_one_that_ran_for_days_and_died_now_and_then_stays_the_way_back(
+    computer: Computer, once: dict[str, float]
+) -> None:
+    computer.lays("2")
+    two = computer.versions.current
+    assert two is not None
+    (two / ".came-up").write_text(f"{time.time() - 7 * 86400:.0f}\n")
+    computer.is_now(**UP, **once)  # type: ignore[arg-type]
+    computer.lays("3")
+    assert computer.now == ("3", "2")
+
+
+def test_one_that_waits_for_a_person_is_not_blamed(computer: Computer) -> None:
+    """Exit code 2: the configuration was edited into something wrong since."""
+    computer.lays("2")
+    computer.is_now(ActiveState="failed", SubState="failed", NRestarts=0)
+    computer.lays("3", dies=True)
+    assert computer.now == ("3", "2")
+
+
+def test_one_that_does_not_come_up_is_not_kept_at_all(computer: Computer) -> None:
+    with pytest.raises(RefusedError, match="2 was not kept; 1 runs as before"):
+        computer.lays("2", dies=True)
+    assert computer.now == ("1", None)
+    assert [folder.name for folder in computer.versions.laid()] == ["1"]
