@@ -19,10 +19,12 @@ from calib.station.arrival_clock import ArrivalClock
 from calib.station.boxes import Boxes
 from calib.station.config import BaseConfig
 from calib.station.core.jobs import SolveResult
+from calib.station.core.outgoing import OutgoingTarget
 from calib.station.core.station import Station, Tick
 from calib.station.core.surveyed_site import SurveyedSite
 from calib.station.core.versions import check_versions
 from calib.station.display import open_display
+from calib.station.fence import Fence
 from calib.station.latency import Latencies
 from calib.station.orders import Orders
 from calib.station.outputs.registry import OutputHost, open_outputs
@@ -40,6 +42,7 @@ from edge.messages import camera_of_key, encode, station_key
 log = logging.getLogger(__name__)
 
 WAIT_S: Final = 0.02  # the longest the loop sleeps
+REPORT: Final = "keep the recording and report it with the log"
 ALIVE: Final = {True: b'{"alive":true}', False: b'{"alive":false}'}  # as a token is recorded
 
 
@@ -76,6 +79,7 @@ class Runner:
         self._clock_config = config.clock
         self.latencies = Latencies()
         self.loop = LoopWatch(self.clock.now_ns())
+        self._messages, self._core = Fence("messages", "warn", REPORT), Fence("core", "fail", REPORT)
 
     # One turn of the loop
 
@@ -90,11 +94,14 @@ class Runner:
             self.recording.write(late.key, late.payload, self.clock.now_ns())
         now_ns = self.clock.now_ns()
         self.loop.turned(now_ns)
-        tick = self.station.tick(now_ns)
+        tick = Tick()
+        with self._core:
+            tick = self.station.tick(now_ns)
         self._do(tick, now_ns)
         done = self.worker.poll()
         if done is not None:
-            self._take_solution(done, now_ns)
+            with self._core:
+                self._take_solution(done, now_ns)
         if self.station.calibration.network is not self._in_force:
             self._adopted(now_ns)
         self.outputs.receive(now_ns, self.station.now_unix_ns(now_ns), self.orders.command)
@@ -110,7 +117,7 @@ class Runner:
     def _take_tracks(self, message: Received) -> None:
         now_ns = self.clock.at(message.t_monotonic_ns)
         self.recording.write(message.key, message.payload, now_ns)
-        targets = self.station.handle(message.key, message.payload, now_ns)
+        targets = self._handled(message, now_ns)
         self.display.feed("tracks", message.payload, key=message.key)
         box = self.station.intake.cameras.get(camera_of_key(message.key) or "")
         if box is not None and self.recording.possible:
@@ -119,11 +126,16 @@ class Runner:
             self.outputs.targets(targets, now_ns, synced(self.station))
             self.latencies.note(now_ns, targets[0].t_unix_ns, self.clock.now_ns())
 
+    def _handled(self, message: Received, now_ns: int) -> list[OutgoingTarget]:
+        with self._messages:
+            return self.station.handle(message.key, message.payload, now_ns)
+        return []
+
     def _take_states(self) -> None:
         for message in self.boxes.states():
             now_ns = self.clock.at(message.t_monotonic_ns)
             self.recording.write(message.key, message.payload, now_ns)
-            self.station.handle(message.key, message.payload, now_ns)
+            self._handled(message, now_ns)
             if message.key.endswith("/health"):
                 self.display.feed("health", message.payload, key=message.key, keep=True)
         for token in self.boxes.presence():
@@ -159,7 +171,8 @@ class Runner:
     def _every_second(self, tick: Tick, now_ns: int) -> None:
         for level, text in tick.texts:
             log.log(logging.INFO if level == "ok" else logging.WARNING, "%s", text)
-        own = [self.loop.check(), *self.boxes.checks()]
+        fenced = self._messages.checks(now_ns) + self._core.checks(now_ns)
+        own = [self.loop.check(), *self.boxes.checks(), *fenced]
         latency_ms, fault = self.latencies.exposure_ms, fault_of(own)
         standing = standing_of(self.station, now_ns, began_ns=self.began_ns, latency_ms=latency_ms, fault=fault)
         self.outputs.second(standing, tick.texts, now_ns)

@@ -14,7 +14,7 @@ from edge.common.health import Check
 
 SYNCED_S: Final = 0.02  # a clock bound good enough to be called synchronised: 0.4 m at 20 m/s
 SYNCED_CAMERAS: Final = 2  # calibrated ones, for a target's time to be called so
-VITAL: Final = ("loop", "link")  # checks without which no true position is sent; a full disk is no such thing
+VITAL: Final = ("loop", "core", "link")  # checks without which no true position is sent; a full disk is no such thing
 STALLED_NS: Final = 10**9  # between two turns of the loop: its targets are of no use to anybody any more
 
 

@@ -21,6 +21,7 @@ from calib.network import Network
 from calib.observations import Frame
 from calib.sighting import CameraView
 from calib.tracking.association import GATE, assign
+from calib.tracking.common_now import CommonNow
 from calib.tracking.filterbank import Expected, FilterBank, Look, Rays
 from calib.tracking.initiation import STRAIGHT_S, initiate
 from calib.tracking.options import TrackerOptions
@@ -75,6 +76,7 @@ class Tracker:
         self._scores = TrackScores(len(network.cameras))
         self._loose: deque[LooseRay] = deque(maxlen=LOOSE_RAYS)
         self._next_track = first_track
+        self._common = CommonNow()
         self._newest_s = -np.inf
         self._scanned_s = -np.inf
         self.counters: Counter[str] = Counter()
@@ -92,7 +94,7 @@ class Tracker:
 
     @property
     def newest_s(self) -> float:
-        """Site time of the newest frame; -inf before the first."""
+        """Site time of the newest frame that counted; -inf before the first."""
         return self._newest_s
 
     @property
@@ -110,30 +112,51 @@ class Tracker:
         kept = [self._number.get(camera.id, -1) for camera in network.cameras]
         self._bank.exchange(with_bias(network))
         self._scores.exchange(kept, shift_s)
+        self._common.shift(shift_s)
         self._newest_s += shift_s
         self._scanned_s += shift_s
         self._loose.clear()
         self._adopt(network)
 
     def observe(self, frame: Frame) -> list[int]:
-        """Take one frame; returns the numbers of the targets it moved."""
+        """Take one frame; returns the numbers of the targets that it moved, or that waited for it to be moved."""
         number = self._number.get(frame.camera)
         if number is None:
             self.counters["uncalibrated"] += 1
             return []
-        camera = self.network.cameras[number]
-        height = camera.lens.size_px[1]
-        rows_s = camera.site_time_s(
-            np.full(len(frame.pixels) + 1, frame.t_unix_ns),
-            np.append(frame.pixels[:, 1], (height - 1) / 2),
-            self.network.t_mid_unix_ns,
-        )
-        t_s = float(rows_s[-1])
-        if t_s < self._newest_s - self._options.reorder_horizon_s:
+        t_s = self._middle_s(number, frame)
+        self._common.note(frame.camera, t_s)
+        now_s, horizon_s = self._common.now_s, self._options.reorder_horizon_s
+        moved: list[int] = []
+        if t_s < now_s - horizon_s:
             self.counters["late"] += 1
-            return []
+        elif t_s > now_s + horizon_s:
+            self.counters["early"] += 1
+            self.counters["overflown"] += not self._common.hold(frame, t_s)
+        else:
+            moved = self._take(number, frame, t_s)
+        for held in self._common.due(now_s):
+            moved += self._take_held(held)
+        return moved
+
+    def _middle_s(self, number: int, frame: Frame) -> float:
+        """Site time of a frame's middle row."""
+        middle = np.array([(self.network.cameras[number].lens.size_px[1] - 1) / 2])
+        return float(self._rows_s(number, frame.t_unix_ns, middle)[0])
+
+    def _rows_s(self, number: int, t_unix_ns: int, v_px: Array) -> Array:
+        camera = self.network.cameras[number]
+        return camera.site_time_s(np.full(len(v_px), t_unix_ns), v_px, self.network.t_mid_unix_ns)
+
+    def _take_held(self, frame: Frame) -> list[int]:
+        """A frame whose time has come; its camera may have been taken out meanwhile."""
+        number = self._number.get(frame.camera)
+        return [] if number is None else self._take(number, frame, self._middle_s(number, frame))
+
+    def _take(self, number: int, frame: Frame, t_s: float) -> list[int]:
         self._newest_s = max(self._newest_s, t_s)
-        rays = Rays(frame.pixels, rows_s[:-1] - t_s, frame.sigma_px)
+        rows_s = self._rows_s(number, frame.t_unix_ns, frame.pixels[:, 1])
+        rays = Rays(frame.pixels, rows_s - t_s, frame.sigma_px)
         taken, moved = self._associate(number, frame.label, rays, t_s)
         for k in np.nonzero(~taken)[0]:
             u, v = frame.pixels[k]
@@ -242,7 +265,7 @@ class Tracker:
 
     def dismiss(self) -> list[TargetEstimate]:
         """Nothing that was seen is believed any more: all targets end. Returns the farewells of confirmed ones."""
-        return self._end(np.ones(len(self._bank), bool), self._newest_s)
+        return self._end(np.ones(len(self._bank), bool), self.newest_s)
 
     def distrust(self, camera_id: str, miss_rad: float) -> list[TargetEstimate]:
         """A camera's rays were off by miss_rad for a while: what they did to targets is taken back.
@@ -258,8 +281,8 @@ class Tracker:
         self._loose = deque((ray for ray in self._loose if ray.camera != number), maxlen=LOOSE_RAYS)
         away_m = np.linalg.norm(self._bank.state[:, :3] - self.network.cameras[number].centre_enu, axis=1)
         self._bank.widen(np.where(seen, MISLED * miss_rad * away_m, 0.0))
-        alone = seen & (self._scores.watching(self._newest_s) < 2)
-        return self._end(alone, self._newest_s)
+        alone = seen & (self._scores.watching(self.newest_s) < 2)
+        return self._end(alone, self.newest_s)
 
     def _end(self, ended: NDArray[np.bool_], now_s: float) -> list[TargetEstimate]:
         if not ended.any():

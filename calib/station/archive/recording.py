@@ -49,6 +49,7 @@ BROKEN: Final = (
 CHECK_DISK_NS: Final = 5_000_000_000
 STATE_TOPICS: Final = ("survey", "lens", "fix", "calibration")  # said once and holding on: each file begins with them
 FREE_JSON: Final = b'{"type": "object"}'
+MOST_KEYS: Final = 1000  # of one file, far beyond any site; the format itself counts to 65535, and each takes 2 kB
 
 
 class _Syncer(OwnThread):
@@ -114,6 +115,7 @@ class Recorder:
         self.path: Path | None = None
         self.messages = 0
         self.fault = ""
+        self.left_out = 0  # messages of keys beyond MOST_KEYS
 
     def write(self, key: str, payload: bytes, now_ns: int, t_message_ns: int | None = None) -> None:
         """Put one message into the file. now_ns: UTC of its arrival."""
@@ -134,12 +136,17 @@ class Recorder:
 
     def hold(self, key: str, payload: bytes) -> None:
         """Note a message of a state while nothing is recorded: each file begins with the states then in force."""
-        if key.rpartition("/")[2] in STATE_TOPICS:
+        if key.rpartition("/")[2] in STATE_TOPICS and (key in self._states or len(self._states) < MOST_KEYS):
             self._states[key] = payload
 
     def _add(self, key: str, payload: bytes, now_ns: int, t_message_ns: int) -> None:
         assert self._writer is not None
-        channel = self._channels.get(key) or self._register(key)
+        channel = self._channels.get(key)
+        if channel is None and len(self._channels) >= MOST_KEYS:
+            self.left_out += 1
+            return
+        if channel is None:
+            channel = self._register(key)
         self._writer.add_message(channel, now_ns, payload, t_message_ns, self.messages & 0xFFFFFFFF)
         self.messages += 1
 

@@ -54,8 +54,9 @@ class StationRecording:
 
     @property
     def counters(self) -> dict[str, float]:
-        """What was removed and compressed since the start."""
-        return {} if self.kept is None else self.kept.counters
+        """What was removed, compressed and left out since the start."""
+        left_out = 0 if self._recorder is None else self._recorder.left_out
+        return ({} if self.kept is None else self.kept.counters) | {"recording_left_out": float(left_out)}
 
     @property
     def fault(self) -> str:

@@ -30,6 +30,7 @@ from edge.messages import Detection, Fix, Health, Lens, Tracks, decode
 # Of the image's size: half the box of an object that fills a tenth of it, cut by the edge. Farther out the visible part
 # says little of the middle, and the lens model was never measured.
 OUTSIDE: Final = 0.05
+LEADS_S: Final = 0.5  # more than links and buffers of boxes that are alike differ by
 FAULT_SHOWN_NS: Final = 10 * NS  # arrival time a fault is shown after it was last seen
 PATIENCE_NS: Final = 10 * NS  # after the start, before a camera that was never heard of is an alarm
 # Why a message is refused by its numbers alone: name, reason, action.
@@ -167,7 +168,9 @@ class Intake:
     def _late_frame(self, camera: CameraIntake, tracks: Tracks, now_ns: int) -> Frame | None:
         """A frame that is past. It may lie anywhere in the past, and nowhere else."""
         camera.counters["late"] += 1
-        if not self._late_rows_count or self._off(camera, tracks.t_unix_ns, now_ns, behind_too=False):
+        if not self._late_rows_count or self._off(
+            camera, self._ahead_s(camera, tracks.t_unix_ns, now_ns), now_ns, behind_too=False
+        ):
             return None
         self._count(camera, tracks)
         return self._measurements(camera, tracks, now_ns)
@@ -198,15 +201,22 @@ class Intake:
 
     def _timely(self, camera: CameraIntake, t_unix_ns: int, now_ns: int, *, behind_too: bool) -> bool:
         """Whether a stamp goes with the other cameras'. behind_too: a start has no stamps of its own to go on from."""
-        if self._off(camera, t_unix_ns, now_ns, behind_too=behind_too):
+        ahead_s = self._ahead_s(camera, t_unix_ns, now_ns)
+        if self._off(camera, ahead_s, now_ns, behind_too=behind_too):
             camera.last_ns = now_ns
             return False
+        if ahead_s > LEADS_S and self._online(now_ns, but=camera) >= 2:
+            fault = f"its frames are stamped {ahead_s:.1f} s ahead of the other cameras'"
+            action = "compare the boxes' clocks (edge-node check); if they agree, the others' pictures come late"
+            camera.fault("leads", fault, action, now_ns)
         self.clock.add(camera.id, t_unix_ns, now_ns)
         return True
 
-    def _off(self, camera: CameraIntake, t_unix_ns: int, now_ns: int, *, behind_too: bool) -> bool:
+    def _ahead_s(self, camera: CameraIntake, t_unix_ns: int, now_ns: int) -> float:
+        return self.clock.ahead_s(camera.id, t_unix_ns, now_ns) if self._arrivals_are_real else 0.0
+
+    def _off(self, camera: CameraIntake, ahead_s: float, now_ns: int, *, behind_too: bool) -> bool:
         """Whether a stamp contradicts the others by the arrival clock; of two alone, either might be wrong."""
-        ahead_s = self.clock.ahead_s(camera.id, t_unix_ns, now_ns) if self._arrivals_are_real else 0.0
         off = ahead_s > AHEAD_S or (behind_too and ahead_s < -AHEAD_S)
         if not off or self._online(now_ns, but=camera) < 2:
             return False

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from calib.observations import Frame, Observations
 from edge.common.arrays import Array
 from edge.common.units import NS
+from edge.messages import MAX_DETECTIONS
 
 GROWTH: Final = 1.25  # of the limit, before it is thinned: thinning at every row would be slow
-SPARE_ROWS: Final = 2000  # room beyond that for one frame; where there is no limit, to begin with
+SPARE_ROWS: Final = 2 * MAX_DETECTIONS  # room beyond that for one frame; where there is no limit, to begin with
 
 
 class CameraWindow:
@@ -44,6 +45,7 @@ class CameraWindow:
                 self._make_room(2 * (self._count + n))
             else:
                 self._thin()
+                self._leave_room(n)
         at = slice(self._count, self._count + n)
         self._t[at], self._label[at] = frame.t_unix_ns, frame.label
         self._row[at, :2], self._row[at, 2] = frame.pixels, frame.sigma_px
@@ -72,6 +74,16 @@ class CameraWindow:
         # Whole frames go or stay: rows of one stamp belong together.
         _, frame = np.unique(self._t[:half], return_inverse=True)
         self._keep(np.concatenate([np.nonzero(frame % 2 == 0)[0], np.arange(half, self._count)]))
+
+    def _leave_room(self, n: int) -> None:
+        """Drop the oldest, where thinning was not enough: frames of a thousand detections beside frames of one."""
+        most = max(len(self._t) - n, 0)
+        if self._count > most:
+            first = self._count - most
+            torn = self._t[first : self._count] == self._t[first - 1]
+            self._keep(first + np.nonzero(~torn)[0])
+            oldest = int(self._t[: self._count].min(initial=np.iinfo(np.int64).max)) // NS
+            self.seconds = {second: rows for second, rows in self.seconds.items() if second >= oldest}
 
     def _keep(self, which: NDArray[np.intp]) -> None:
         for array in (self._t, self._label, self._row):

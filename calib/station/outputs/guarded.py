@@ -4,44 +4,17 @@ The hazard is a fault in one protocol, perhaps one that somebody else wrote, whi
 vanishes from every map because a text had a letter that one format can't carry.
 """
 
-import logging
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Final
 
 from calib.geodesy import Origin
 from calib.station.core.outgoing import OutgoingTarget
+from calib.station.fence import Fence
 from calib.station.outputs.output import CommandHandler, Output, StationStanding
 from calib.station.status.status import EndpointStatus
 from edge.common.health import Check, HealthLevel
 
-log = logging.getLogger(__name__)
-
-FAULT_RECENT_NS: Final = 60 * 10**9  # how long a fault is spoken of
 ACTION: Final = "its log says where; correct its table in the configuration, or report it to whoever wrote it"
-
-
-class _Fence:
-    """Keeps what is raised inside it. One object, entered anew for each call: nothing is made for a frame."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.count = 0
-        self.last = ""
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool:
-        if not isinstance(error, Exception):
-            return False
-        self.count += 1
-        if repr(error) != self.last:  # the same again, at every frame, would fill the log
-            log.error("output %s: %r", self.name, error, exc_info=error)
-        self.last = repr(error)
-        return True
 
 
 class GuardedOutput:
@@ -50,8 +23,7 @@ class GuardedOutput:
     def __init__(self, name: str, inner: Output) -> None:
         self.name = name
         self._inner = inner
-        self._fence = _Fence(name)
-        self._seen, self._seen_ns = 0, -FAULT_RECENT_NS
+        self._fence = Fence(f"output {name}", "warn", ACTION)
         self.rate_hz = inner.rate_hz
 
     def targets(self, targets: Sequence[OutgoingTarget], now_ns: int, synced: bool) -> None:
@@ -79,12 +51,7 @@ class GuardedOutput:
         found: list[Check] = []
         with self._fence:
             found = self._inner.checks(now_ns)
-        if self._fence.count > self._seen:
-            self._seen, self._seen_ns = self._fence.count, now_ns
-        if now_ns - self._seen_ns < FAULT_RECENT_NS:
-            reason = f"{self._fence.count} calls failed, the last with {self._fence.last}"
-            found = [*found, Check(f"output {self.name}", "warn", reason, ACTION)]
-        return found
+        return found + self._fence.checks(now_ns)
 
     @property
     def counters(self) -> dict[str, float]:

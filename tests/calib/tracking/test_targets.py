@@ -110,6 +110,45 @@ def test_rays_later_than_the_horizon_move_nothing() -> None:
     np.testing.assert_array_equal(before[0].position_enu, tracker.estimates(6.0)[0].position_enu)
 
 
+@pytest.mark.parametrize("ahead_s", [0.3, 0.6, 1.0, 1.9])
+@pytest.mark.parametrize("sees", [True, False])
+def test_one_camera_ahead_of_the_others_does_not_make_them_late(ahead_s: float, sees: bool) -> None:
+    """Not even one that sees nothing: every position stopped, of cameras that nothing was wrong with."""
+    scene = make(SPEC)
+    tracker, said = Tracker(scene.network), []
+    for _, honest in frames(scene):
+        frame = honest
+        if frame.camera == "cam0":
+            seen = frame if sees else blinded(frame)
+            frame = replace(seen, t_unix_ns=frame.t_unix_ns + round(ahead_s * 1e9))
+        moved = tracker.observe(frame)
+        said += tracker.advance(tracker.newest_s)
+        said += tracker.estimates(tracker.newest_s, set(moved))
+    assert tracker.counters["late"] == 0
+    later = [e for e in said if e.t_unix_ns > T0_UNIX_NS + 2e9]
+    # Three cameras at 15 Hz, 4 s, 2 objects, one update a frame.
+    assert len(later) > 200
+    if not sees:
+        assert max(error_m(scene, e) for e in later) < 0.5
+
+
+def blinded(frame: Frame) -> Frame:
+    """The frame of a camera that sees nothing."""
+    none = np.zeros(0)
+    return replace(frame, pixels=np.zeros((0, 2)), label=np.zeros(0, np.int64), sigma_px=none, width_px=none)
+
+
+def test_cameras_whose_pictures_come_late_are_used_with_one_whose_do_not() -> None:
+    """Two streams through a recorder, 0.8 s late, and one camera at the base: the majority's pace is the site's."""
+    scene = make(SPEC)
+    stream = sorted(frames(scene), key=lambda item: item[0] + (0 if item[1].camera == "cam0" else 800_000_000))
+    tracker, said = track(scene, iter(stream))
+    # Until the others have spoken for the first time, the prompt one's pace is all there is: 0.3 s of three at 15 Hz.
+    assert tracker.counters["late"] <= 15
+    assert {e.track for e in said} == {1, 2}
+    assert any("cam0" in e.cameras for e in said)
+
+
 def test_identity_survives_a_gap_of_two_seconds() -> None:
     scene = make(replace(SPEC, duration_s=9.0))
     blind = ((a, f) for a, f in frames(scene) if not 3e9 < f.t_unix_ns - T0_UNIX_NS < 5e9)

@@ -6,6 +6,7 @@ times and then nothing, and commands count only when signed, or from a system th
 command addressed to us is answered, because senders repeat what is not.
 """
 
+import math
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -199,8 +200,8 @@ class MavlinkPort:
             self._running = message
             return common.MAV_RESULT_IN_PROGRESS, []
         if message.command == common.MAV_CMD_SET_MESSAGE_INTERVAL:
-            return self._set_interval(int(message.param1), float(message.param2)), []
-        if message.command == common.MAV_CMD_REQUEST_MESSAGE and int(message.param1) == 148:
+            return self._set_interval(_whole(message.param1), float(message.param2)), []
+        if message.command == common.MAV_CMD_REQUEST_MESSAGE and _whole(message.param1) == 148:
             return common.MAV_RESULT_ACCEPTED, [codec.encoded(_version())]
         return common.MAV_RESULT_UNSUPPORTED, []
 
@@ -231,6 +232,11 @@ class MavlinkPort:
                 target_component=message.get_srcComponent(),
             )
         )
+
+
+def _whole(number: float) -> int:
+    """A parameter that stands for a whole number; -1, which nothing is called, where it is none."""
+    return int(number) if math.isfinite(number) else -1
 
 
 def _version() -> common.MAVLink_autopilot_version_message:

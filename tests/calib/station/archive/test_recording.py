@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from calib.station.archive.recording import Recorder, read
+from calib.station.archive.recording import MOST_KEYS, Recorder, read
 from edge.common.errors import RecordingError
 
 T = 1_800_000_000 * 10**9
@@ -38,6 +38,19 @@ def test_what_was_written_is_read_before_the_file_is_finished_and_after(tmp_path
     assert [message.payload for message in again] == payloads
     assert [message.key for message in again[:4]] == list(KEYS)
     assert [message.t_arrival_ns for message in again] == [T + k for k in range(40)]
+
+
+def test_more_names_than_any_site_has_are_left_out_and_counted(tmp_path: Path) -> None:
+    """The format counts keys to 65535, and each that is known takes memory: a stranger with many names ended a base."""
+    recorder = Recorder(tmp_path, "s", min_free_mb=1)
+    for number in range(MOST_KEYS + 50):
+        for topic in ("tracks", "lens"):
+            recorder.write(f"skyfix/1/s/cam/c{number}/{topic}", b"{}", T + number)
+    recorder.close()
+    assert recorder.path is not None
+    assert recorder.messages == MOST_KEYS
+    assert recorder.left_out == 2 * 50 + MOST_KEYS
+    assert len({message.key for message in read(recorder.path)}) == MOST_KEYS
 
 
 def test_cut_at_any_byte_it_is_read_up_to_there(tmp_path: Path) -> None:

@@ -115,6 +115,18 @@ def test_not_a_number_and_not_a_message_are_counted(feed: Feed) -> None:
     assert "not a Tracks message" in camera_reason(fed, "cam1")[1]
 
 
+@pytest.mark.parametrize("ahead_s", [0.6, 1.0, 1.9])
+def test_a_box_ahead_that_sees_nothing_is_named_and_stops_nobody(feed: Feed, ahead_s: float) -> None:
+    def ahead(tracks: Tracks, _: int) -> Tracks:
+        return msgspec.structs.replace(tracks, t_unix_ns=tracks.t_unix_ns + round(ahead_s * NS), detections=[])
+
+    fed = feed(SHORT, on_tracks("cam0", ahead, after_s=8.0))
+    still_works(fed)
+    level, reason = camera_reason(fed, "cam0")
+    assert (level, f"{ahead_s:.1f} s ahead of the other cameras'" in reason) == ("warn", True)
+    assert [camera_reason(fed, camera)[0] for camera in ("cam1", "cam2", "cam3")] == ["ok"] * 3
+
+
 def test_a_clock_in_the_future_is_left_out_and_the_others_go_on(feed: Feed) -> None:
     ahead = on_tracks("cam2", lambda t, _: msgspec.structs.replace(t, t_unix_ns=t.t_unix_ns + 3600 * NS))
     fed = feed(SHORT, ahead)

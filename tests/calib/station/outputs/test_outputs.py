@@ -9,7 +9,8 @@ import pytest
 from calib.station.core.calibration import Phase
 from calib.station.core.outgoing import OutgoingTarget, TargetExport
 from calib.station.core.station import UNASKED_HZ
-from calib.station.outputs.guarded import FAULT_RECENT_NS, GuardedOutput
+from calib.station.fence import SPOKEN_OF_NS
+from calib.station.outputs.guarded import GuardedOutput
 from calib.station.outputs.output import StationStanding
 from calib.station.outputs.outputs import Outputs
 from calib.station.outputs.threaded import CALLS_WAITING, STALLED_S, ThreadedOutput
@@ -38,8 +39,8 @@ def test_what_one_raises_ends_that_call_alone_and_is_named_for_a_minute() -> Non
     named = {check.name: check for check in outputs.checks(0)}
     assert "KeyError('calibrated')" in named["output wrong"].reason
     assert "output good" not in named
-    assert "output wrong" in {check.name for check in outputs.checks(FAULT_RECENT_NS - 1)}
-    assert "output wrong" not in {check.name for check in outputs.checks(FAULT_RECENT_NS)}
+    assert "output wrong" in {check.name for check in outputs.checks(SPOKEN_OF_NS - 1)}
+    assert "output wrong" not in {check.name for check in outputs.checks(SPOKEN_OF_NS)}
 
 
 def test_being_told_to_stop_is_no_fault_of_an_output() -> None:

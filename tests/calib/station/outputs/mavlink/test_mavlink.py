@@ -228,6 +228,16 @@ def test_a_listed_system_may_set_rates_within_reason() -> None:
     assert [m.result for m in answer(one, command(400))] == [common.MAV_RESULT_UNSUPPORTED]
 
 
+@pytest.mark.parametrize("absurd", [float("nan"), float("inf"), float("-inf"), 3e38])
+@pytest.mark.parametrize("number", [241, 400, 511, 512])
+def test_a_parameter_that_is_no_number_is_refused_and_ends_nothing(number: int, absurd: float) -> None:
+    one = port(commands_from=[255])
+    (ack,) = answer(one, command(number, **{f"p{k}": absurd for k in range(1, 8)}))
+    assert ack.result == (common.MAV_RESULT_IN_PROGRESS if number == 241 else common.MAV_RESULT_UNSUPPORTED)
+    (ack,) = answer(one, command(511, p1=45000, p2=absurd))
+    assert ack.result == common.MAV_RESULT_DENIED
+
+
 def test_commands_for_somebody_else_are_not_ours_to_answer() -> None:
     assert answer(port(commands_from=[255]), command(241, target_system=42)) == []
 

@@ -1,0 +1,68 @@
+"""What "now" is: one camera moves it by no more than another confirms."""
+
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.observations import Frame
+from calib.tracking.common_now import GONE_S, MOST_WAITING, CommonNow
+
+
+def frame(camera: str = "cam0") -> Frame:
+    none = np.zeros(0)
+    return Frame(camera, 0, np.zeros((0, 2)), np.zeros(0, np.int64), none, none)
+
+
+def test_of_one_camera_it_is_that_cameras() -> None:
+    common = CommonNow()
+    assert common.now_s == -math.inf
+    common.note("cam0", 5.0)
+    assert common.now_s == 5.0
+    common.note("cam0", 5.1)
+    assert common.now_s == 5.1
+
+
+@given(
+    times=st.lists(st.floats(0, 100), min_size=4, max_size=40),
+    ahead_s=st.floats(0.0, 0.9 * GONE_S),
+    others=st.integers(2, 5),
+)
+def test_one_camera_ahead_does_not_move_it(times: list[float], ahead_s: float, others: int) -> None:
+    """Whatever it says, now is never later than the latest of the others."""
+    common, latest = CommonNow(), -math.inf
+    for number, t_s in enumerate(sorted(times)):
+        latest = t_s
+        common.note(f"cam{number % others}", t_s)
+        if number >= others:
+            common.note("liar", t_s + ahead_s)
+            assert common.now_s <= latest
+
+
+def test_those_who_are_gone_confirm_nothing_and_hold_nobody_up() -> None:
+    common = CommonNow()
+    for camera in ("cam0", "cam1", "cam2"):
+        common.note(camera, 1.0)
+    common.note("cam0", 1.0 + GONE_S - 0.1)
+    assert common.now_s == 1.0
+    common.note("cam0", 1.0 + GONE_S + 0.1)
+    assert common.now_s == 1.0 + GONE_S + 0.1
+
+
+def test_what_waits_comes_in_the_order_it_came_and_once() -> None:
+    common = CommonNow()
+    first, second, third = frame("a"), frame("b"), frame("c")
+    for held, t_s in ((first, 3.0), (second, 2.0), (third, 9.0)):
+        assert common.hold(held, t_s)
+    assert [f.camera for f in common.due(3.0)] == ["a", "b"]
+    assert common.due(3.0) == []
+    common.shift(-5.0)
+    assert [f.camera for f in common.due(4.0)] == ["c"]
+
+
+def test_what_waits_is_bounded() -> None:
+    common = CommonNow()
+    kept = [common.hold(frame(), float(number)) for number in range(MOST_WAITING + 3)]
+    assert kept.count(False) == 3
+    assert len(common.due(math.inf)) == MOST_WAITING
