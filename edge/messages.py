@@ -192,7 +192,7 @@ class NetworkCamera(msgspec.Struct, frozen=True, kw_only=True):
     lens: Lens
 
 
-StationState = Literal["collecting", "calibrated", "suspect"]
+StationState = Literal["collecting", "calibrated", "suspect", "blind"]
 WireStationState = Annotated[StationState, newer_word("collecting")]
 
 

@@ -18,6 +18,7 @@ import msgspec
 from calib.station.archive.state_store import StateStore
 from calib.station.commands.arguments import add_config, folder_of
 from calib.station.config import MIN_CAMERAS, BaseConfig, load
+from calib.station.core.calibration import Phase
 from calib.station.core.stored_state import StoredState
 from calib.station.outputs.registry import OutputHost, open_output, wanted
 from calib.station.own_clock import check_own_clock
@@ -84,7 +85,8 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
 
 def _told_by(running: Running) -> Iterator[Line]:
     reason = f"version {running.version} runs here: {running.phase}"
-    yield Line("PASS", "running station", f"{reason}, {running.reason}" if running.reason else reason)
+    verdict = "FAIL" if running.phase == Phase.BLIND else "PASS"
+    yield Line(verdict, "running station", f"{reason}, {running.reason}" if running.reason else reason, running.action)
     for said in running.health.items:
         if said.name in ASKED_FOR:
             yield Line("PASS" if said.level == "ok" else "WARN", said.name, said.reason, said.action)

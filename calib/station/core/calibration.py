@@ -34,6 +34,7 @@ class Phase(StrEnum):
     COLLECTING = "collecting"
     CALIBRATED = "calibrated"
     SUSPECT = "suspect"
+    BLIND = "blind"
 
 
 @dataclass(frozen=True)

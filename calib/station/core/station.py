@@ -39,6 +39,7 @@ GUARD_NS: Final = NS // 80  # a piece of guarding: sixteen in a round of the gua
 FAST_NS: Final = NS // 10  # Targets over Zenoh, coasting targets, guards
 SLOW_NS: Final = NS  # health, network, plans
 LEAST_SIGMA_PX: Final = 0.2  # of a detector that finds none: what an adjustment can tell from a flight's own freedom
+NEEDED_CAMERAS: Final = 2  # calibrated ones that send frames: one alone sees directions, no positions
 MOST_TARGETS: Final = 1000  # targets; more than ever fly at once
 UNASKED_HZ: Final = 50.0  # how often a target is worked out where no output says how often it wants one
 IDLE_NS: Final = NS // 4  # without a frame for so long, time passes by the clock alone
@@ -217,6 +218,7 @@ class Station:
             return Tick(targets, publish)
         self._slow_ns = now_ns
         job = self._plan(now_unix_ns)
+        self.standing = self._blind(now_ns) or self.standing
         health = self._assess(now_ns, now_unix_ns)
         publish += [("network", self.network_message(now_unix_ns)), ("health", health)]
         return Tick(targets, publish, job, self._news.since(health, self.standing), slow=True)
@@ -319,6 +321,19 @@ class Station:
             self.standing = Standing(Phase.COLLECTING, "checking the stored calibration against what is seen", action)
         return job
 
+    def _blind(self, now_ns: int) -> Standing | None:
+        """How a calibrated station stands that too few cameras send frames to; None if enough do."""
+        trusted = self.calibration.trusted
+        if not trusted:
+            return None
+        boxes = [self.intake.cameras[name] for name in sorted(trusted - self.muted)]
+        silent = [box.id for box in boxes if not box.online(now_ns, self.config.tracking.stale_s)]
+        if len(boxes) - len(silent) >= NEEDED_CAMERAS:
+            return None
+        seeing = f"{len(boxes) - len(silent)} of {len(self.intake.cameras)} cameras can be used, {NEEDED_CAMERAS} must"
+        action = f"look at the boxes, cameras and links of {', '.join(silent)}" if silent else "use more cameras"
+        return Standing(Phase.BLIND, f"no position can be sent: {seeing}", action)
+
     def _sites(self) -> dict[str, SiteCamera]:
         found = {name: self.positions.site_camera(name, box) for name, box in self.intake.cameras.items()}
         return {name: site for name, site in found.items() if site is not None}
@@ -351,7 +366,7 @@ class Station:
             for camera, why in self.calibration.suspects.items()
         ]
         level: HealthLevel = "ok" if self.standing.phase is Phase.CALIBRATED else "warn"
-        if self.calibration.contradiction:
+        if self.calibration.contradiction or self.standing.phase is Phase.BLIND:
             level = "fail"
         checks.append(Check("calibration", level, self.standing.reason, self.standing.action))
         counters = dict(self.counters)

@@ -25,7 +25,7 @@ def light(level: str, words: dict[str, str] = WORDS) -> str:
 
 def banner(status: StationStatus) -> str:
     """Phase, reason and next action, on top of every page."""
-    level = {"calibrated": "ok", "suspect": "warn"}.get(status.phase, "warn")
+    level = {"calibrated": "ok", "blind": "fail"}.get(status.phase, "warn")
     action = f' <span class="do">{escape(status.action)}</span>' if status.action else ""
     return f'<span class="light {level}">{escape(status.phase)}</span> <span>{escape(status.reason)}</span>{action}'
 

@@ -41,6 +41,7 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
     version: str
     phase: str
     reason: str
+    action: str = ""
     endpoints: list[EndpointStatus]
     health: RunningHealth = RunningHealth()
 

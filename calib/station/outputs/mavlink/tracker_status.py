@@ -1,8 +1,8 @@
 """The station's standing in MAVLink's words: masks of cameras, and one state of the system. Pure.
 
 The hazard is a green heartbeat from a station that is blind. So the state is that of what is needed to send a true
-position: without a camera it stands by, and with fewer than two calibrated ones online it is critical, whatever the
-calibration says of itself. A station at fault sends no heartbeat at all (output.py).
+position: without a camera it stands by, and blind, with fewer than two calibrated ones, it is critical. A station at
+fault sends no heartbeat at all (output.py).
 """
 
 from collections.abc import Iterable
@@ -15,12 +15,12 @@ from calib.station.outputs.mavlink.messages import TrackerStatus
 from calib.station.outputs.output import StationStanding
 
 MASK_BITS: Final = 32  # cameras beyond have no bit
-NEEDED_CAMERAS: Final = 2  # calibrated cameras online: one alone sees directions, no positions
 REPLAYED_MS: Final = 10_000.0  # a recording played again was exposed long ago: that is no latency
 MAV_STATES: Final = {
     Phase.COLLECTING: common.MAV_STATE_CALIBRATING,
     Phase.CALIBRATED: common.MAV_STATE_ACTIVE,
     Phase.SUSPECT: common.MAV_STATE_CRITICAL,
+    Phase.BLIND: common.MAV_STATE_CRITICAL,
 }
 
 
@@ -45,9 +45,6 @@ def system_status(standing: StationStanding) -> int:
     """MAV_STATE: the worst of what is needed to send a true position."""
     if not any(camera.online for camera in standing.cameras):
         return int(common.MAV_STATE_STANDBY)
-    seeing = sum(camera.online and camera.calibrated for camera in standing.cameras)
-    if standing.phase is Phase.CALIBRATED and seeing < NEEDED_CAMERAS:
-        return int(common.MAV_STATE_CRITICAL)
     return int(MAV_STATES[standing.phase])
 
 

@@ -25,8 +25,7 @@ WELL = StationStanding(5_000, 60, Phase.CALIBRATED, "", "", "", cameras(True, Tr
         ({"phase": Phase.SUSPECT}, common.MAV_STATE_CRITICAL),
         ({"cameras": cameras(False, False, False)}, common.MAV_STATE_STANDBY),
         ({"cameras": ()}, common.MAV_STATE_STANDBY),
-        ({"cameras": cameras(True, False, False)}, common.MAV_STATE_CRITICAL),
-        ({"cameras": cameras(True, True, True, calibrated=False)}, common.MAV_STATE_CRITICAL),
+        ({"cameras": cameras(True, False, False), "phase": Phase.BLIND}, common.MAV_STATE_CRITICAL),
         ({"cameras": cameras(True, False, False), "phase": Phase.COLLECTING}, common.MAV_STATE_CALIBRATING),
     ],
 )
