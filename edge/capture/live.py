@@ -14,15 +14,8 @@ import cv2
 from edge.capture.decoding import FILLS, first_retrieved, undecoded, unwritten
 from edge.capture.frame import Picture, Remark, StampOf, middle_of_exposure
 from edge.capture.grey import grey
-from edge.capture.stamps import (
-    ARRIVAL_BOUND_S,
-    SENDER_BOUND_S,
-    SENSOR_BOUND_S,
-    FrameRounding,
-    LeastDelay,
-    StreamDrift,
-    sender_is_plausible,
-)
+from edge.capture.stamps import ARRIVAL_BOUND_S, SENSOR_BOUND_S, FrameRounding
+from edge.capture.witnessed_stream import WitnessedStream
 from edge.common.errors import SourceError
 from edge.common.utc import Dated
 
@@ -119,11 +112,6 @@ class RtspStream:
     live = True
     skipped = 0
 
-    @property
-    def remarks(self) -> list[Remark]:
-        """Nothing so far."""
-        return []
-
     def __init__(
         self,
         capture: Grabber,
@@ -140,9 +128,8 @@ class RtspStream:
         self._delay_ns = round(delay_s * 1e9)
         self._date = date
         self._monotonic_ns = monotonic_ns
-        self._least_delay = LeastDelay()
         self._rounding = FrameRounding()
-        self._drift = StreamDrift()
+        self._clock = WitnessedStream()
         self._seen = False
 
     def read(self) -> Picture | None:
@@ -153,16 +140,13 @@ class RtspStream:
         at_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
         image = self._pixels()
         image = image if self._colour else grey(image)
-        stream_ns = round(at_ms * 1e6)
-        arrived_ns = self._least_delay.arrived_ns(stream_ns, arrival_ns)
-        sent_ns = self._sent_unix_ns(at_ms)
-        dated = self._date(arrived_ns)
-        if sent_ns is None or not sender_is_plausible(sent_ns, dated.t_unix_ns):
-            bound_s = self._least_delay.bound_s
-            total_s = None if bound_s is None else bound_s + dated.doubt_s
-            return Picture(dated.t_unix_ns - self._delay_ns, image, "arrival", total_s)
-        sent_ns += self._drift.drift_ns(stream_ns, arrived_ns, sent_ns)
-        return Picture(sent_ns - self._delay_ns, image, "sender", SENDER_BOUND_S)
+        stamp = self._clock.stamp(round(at_ms * 1e6), arrival_ns, self._sent_unix_ns(at_ms), self._date)
+        return Picture(stamp.t_unix_ns - self._delay_ns, image, stamp.source, stamp.bound_s)
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """What its times say against each other."""
+        return self._clock.remarks
 
     def _pixels(self) -> Any:
         """The frame's picture; the first of a stream is held against what its memory was filled with."""

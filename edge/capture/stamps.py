@@ -17,7 +17,6 @@ SENDER_BOUND_S: Final = (
 )
 SENSOR_BOUND_S: Final = 0.002  # s: driver stamps jitter by a USB microframe to a scheduler tick
 MOST_DRIFT_PPM: Final = 100.0  # of a quartz without a thermostat, and some
-PLAUSIBLE_SENDER_S: Final = 3600.0  # s: a sender's clock further off than this was never set
 
 
 @dataclass
@@ -25,24 +24,14 @@ class LeastDelay:
     """Maps stream times to a clock that never steps, by the least delayed arrival of the last ENVELOPE_S."""
 
     _seen: deque[tuple[int, int]] = field(default_factory=deque)  # (stream ns, arrival minus stream ns), rising
-    _first_stream_ns: int | None = None
-    _settled: bool = False
-
-    @property
-    def bound_s(self) -> float | None:
-        """How far the last time may be off; None while nobody knows."""
-        return ARRIVAL_BOUND_S if self._settled else None
 
     def arrived_ns(self, stream_ns: int, arrival_ns: int) -> int:
         """When a frame at stream_ns, which arrived at arrival_ns, would have with the least delay. Never later."""
         delay = arrival_ns - stream_ns
-        if self._first_stream_ns is None:
-            self._first_stream_ns = stream_ns
-        self._settled = stream_ns - self._first_stream_ns >= SETTLED_S * 1e9
         while self._seen and self._seen[-1][1] >= delay:
             self._seen.pop()
         self._seen.append((stream_ns, delay))
-        while self._seen[0][0] < stream_ns - ENVELOPE_S * 1e9:
+        while self._seen[0][0] + self._seen[0][1] < arrival_ns - ENVELOPE_S * 1e9:  # what arrived too long ago
             self._seen.popleft()
         return stream_ns + self._seen[0][1]
 
@@ -88,8 +77,3 @@ class FrameRounding:
         self._sum_ms += rounded_ms - exact_ms
         self._count += 1
         return self._sum_ms / self._count
-
-
-def sender_is_plausible(sender_unix_ns: int, arrival_unix_ns: int) -> bool:
-    """Whether a time a sender claims can be UTC at all."""
-    return abs(sender_unix_ns - arrival_unix_ns) < PLAUSIBLE_SENDER_S * 1e9

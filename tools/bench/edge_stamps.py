@@ -1,6 +1,6 @@
-"""How far RTSP stamps are from the sender's clock: `python -m tools.bench.edge_stamps [--seconds 600]`.
+"""How far RTSP stamps are from the truth: `python -m tools.bench.edge_stamps [--seconds 600] [--seeds 20]`.
 
-A camera of our own, whose clock is 3 s off and whose pictures carry their number, sends over loopback with jitter; each
+A camera of our own, whose pictures carry their number, sends over loopback with jitter; each
 frame's stamp is compared with the instant at which that picture was taken, and with the bound that the frame claims.
 """
 
@@ -10,11 +10,12 @@ import sys
 import numpy as np
 
 from edge.capture.live import RtspStream, open_rtsp
-from edge.common.utc import UtcMapping
+from edge.capture.witnessed_stream import WitnessedStream
+from edge.common.utc import Dated, UtcMapping
 from tools.doubles.rtsp_camera import RtspCamera
+from tools.doubles.streams import UTC_NS, scenes
 
 BITS = 16
-SHIFT_S = 3.0
 FPS = 25.0
 
 
@@ -37,7 +38,6 @@ def measure(seconds: float, *, reports: bool, drift_ppm: float) -> str:
     with RtspCamera(
         numbered,
         FPS,
-        clock_shift_s=SHIFT_S if reports else 0.0,
         reports=reports,
         drift_ppm=drift_ppm,
         delay_s=lambda k: float(jitter[k % len(jitter)]),
@@ -58,13 +58,36 @@ def measure(seconds: float, *, reports: bool, drift_ppm: float) -> str:
     return f"{source}, drift {drift_ppm:g} ppm: {len(off)} frames, {figures}"
 
 
+def measure_scene(name: str, seeds: int, seconds: float) -> str:
+    """One line of figures of streams that lie in one way (tools/doubles/streams.py), in virtual time, seeds of them."""
+    frames = bounded = outside = 0
+    worst_s, bounds = 0.0, []
+    for seed in range(seeds):
+        clock = WitnessedStream()
+        for frame in scenes(seed)[name].frames(seconds, np.random.default_rng(seed)):
+            stamp = clock.stamp(frame.stream_ns, frame.arrival_ns, frame.sent_unix_ns, lambda t: Dated(t + UTC_NS, 0.0))
+            frames += 1
+            if stamp.bound_s is None:
+                continue
+            error_s = abs(stamp.t_unix_ns - frame.true_unix_ns) / 1e9
+            bounded, outside = bounded + 1, outside + (error_s > stamp.bound_s)
+            worst_s = max(worst_s, error_s)
+            bounds.append(stamp.bound_s)
+    figures = f"error max {worst_s:.3f} s; bound p50 {np.median(bounds):.3f} s; beyond its bound {outside}"
+    return f"{name}: {frames} frames, {bounded} with a bound; {figures}"
+
+
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0, help="for each of the three cameras")
-    seconds = parser.parse_args().seconds
+    parser.add_argument("--seeds", type=int, default=20, help="of each kind of stream that lies")
+    arguments = parser.parse_args()
+    seconds = arguments.seconds
     for reports, drift_ppm in ((True, 0.0), (True, 50.0), (False, 0.0)):
         print(measure(seconds, reports=reports, drift_ppm=drift_ppm), flush=True)
+    for name in scenes(0):
+        print(measure_scene(name, arguments.seeds, min(seconds, 60.0)), flush=True)
     return 0
 
 

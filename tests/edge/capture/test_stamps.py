@@ -40,4 +40,4 @@ def test_slow_minute_of_the_network_is_not_taken_for_drift() -> None:
         slow_ns = 5000 * MS if 1000 <= k < 1900 else 0  # 90 s of 5 s delay: the least of 30 s is 5 s for 60 s
         arrived_ns = least.arrived_ns(stream_ns, T0 + stream_ns + 20 * MS + slow_ns)
         worst_ms = max(worst_ms, abs(drift.drift_ns(stream_ns, arrived_ns, T0 + stream_ns)) / MS)
-    assert worst_ms == pytest.approx(6.0, abs=0.1)  # 100 ppm of 60 s
+    assert worst_ms == pytest.approx(6.5, abs=0.1)  # 100 ppm of 65 s: the 30 s are of arrivals, which were 5 s late
