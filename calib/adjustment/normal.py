@@ -69,11 +69,18 @@ class Normal:
         transposed = by_point.transpose(0, 2, 1)
         coupling = (transposed @ by_camera).reshape(n, -1)
         self.border[:, :, at] += (spread @ coupling).reshape(controls, 3, -1)
-        pull = np.einsum("nij,nj->ni", transposed, residual)
-        self.right_control -= spread @ pull
+        self._pull(spread, by_point, residual)
         columns = by_camera.reshape(2 * n, -1)
         self.corner[at, at] += columns.T @ columns
         self.right_camera[at] -= columns.T @ residual.ravel()
+
+    def add_pull(self, located: Located, by_point: Array, by_camera: Array, residual: Array, at: slice) -> None:
+        """Add only what they pull: the right-hand side."""
+        self._pull(_scatter(located.weights(), located.first, len(self.right_control)), by_point, residual)
+        self.right_camera[at] -= by_camera.reshape(2 * len(residual), -1).T @ residual.ravel()
+
+    def _pull(self, spread: csr_matrix, by_point: Array, residual: Array) -> None:
+        self.right_control -= spread @ np.einsum("nij,ni->nj", by_point, residual)
 
     def add_prior(self, at: slice, information: Array, gradient: Array) -> None:
         """Add what is known of one camera: information (K', K'), and the gradient (K',) of half its cost."""
@@ -91,10 +98,22 @@ def _scatter(weights: Array, first: NDArray[np.int64], controls: int) -> csr_mat
 
 @dataclass(frozen=True)
 class NormalStep:
-    """A solution of the normal equations: control (M, 3), camera (K,)."""
+    """A solution of the normal equations: control (M, 3), camera (K,).
+
+    camera_squared: how far it moves the cameras, in squared sigmas, the flight following them.
+    """
 
     control: Array
     camera: Array
+    camera_squared: float
+
+    def scaled(self, share: float) -> "NormalStep":
+        """A share of it."""
+        return NormalStep(share * self.control, share * self.camera, share**2 * self.camera_squared)
+
+    def plus(self, bend: "NormalStep") -> "NormalStep":
+        """With what it lacked; as far as without it."""
+        return NormalStep(self.control + bend.control, self.camera + bend.camera, self.camera_squared)
 
 
 @dataclass(frozen=True)
@@ -109,9 +128,10 @@ class Factor:
         """The step that the normal equations ask for."""
         K = len(normal.right_camera)
         a = self.flight.solve(normal.right_control.ravel())
-        camera = self.camera_covariance @ (normal.right_camera - normal.border.reshape(-1, K).T @ a)
+        pull = normal.right_camera - normal.border.reshape(-1, K).T @ a
+        camera = self.camera_covariance @ pull
         control = a - self.carried @ camera
-        return NormalStep(control.reshape(-1, 3), camera)
+        return NormalStep(control.reshape(-1, 3), camera, float(pull @ camera))
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from calib.adjustment.bundle import Adjusted, Problem
+from calib.adjustment.bundle import Adjusted
 from calib.adjustment.normal import local_covariance
+from calib.adjustment.problem import Problem
 from calib.adjustment.projection import Projected, unknowns_of
 from calib.geometry.spline import ORDER, Located
 from edge.common.arrays import Array

@@ -88,6 +88,12 @@ class Located:
         u = self.u
         return np.stack([np.zeros_like(u), np.ones_like(u), 2 * u, 3 * u * u], axis=1) @ _BASIS / self.spacing_s
 
+    def blossom_weights(self) -> Array:
+        """(N, 4) weights in the control point that a spline with a knot there has: f - spacing^2 f'' / 6."""
+        u = self.u
+        curvature = np.stack([np.zeros_like(u), np.zeros_like(u), np.full_like(u, 2.0), 6 * u], axis=1) @ _BASIS
+        return self.weights() - curvature / 6
+
     def controls(self) -> NDArray[np.int64]:
         """(N, 4) indices of the control points."""
         return self.first[:, None] + np.arange(ORDER)
@@ -102,6 +108,26 @@ def evaluate(located: Located, control: Array) -> Array:
 def velocity(located: Located, control: Array) -> Array:
     """Velocities (N, 3) per second of a flight with control points (M, 3)."""
     result: Array = np.einsum("nk,nkd->nd", located.velocity_weights(), control[located.controls()])
+    return result
+
+
+def relaid(control: Array, old: Flight, new: Flight, later_s: float) -> Array:
+    """Control points (M', 3) on new knots of the flight that control points (M, 3) are of on old ones.
+
+    later_s: the new times less the old. On the same knots they come back as they are; those of a stretch that was not
+    flown for as long, to one knot, are NaN.
+    """
+    result = np.full((new.controls, 3), np.nan)
+    for own in range(len(new.start_s)):
+        start_s, end_s = new.start_s[own] - later_s, new.end_s[own] - later_s
+        flown = (old.start_s - start_s < old.spacing_s) & (end_s - old.end_s < old.spacing_s)
+        before = np.flatnonzero(flown & (old.target == new.target[own]))
+        if len(before) == 1:
+            t_s = start_s + (np.arange(new.spans[own] + ORDER - 1) - 1) * new.spacing_s
+            located = old.locate(t_s, np.full(len(t_s), before[0]))
+            first = new.first_control[own]
+            points = np.einsum("nk,nkd->nd", located.blossom_weights(), control[located.controls()])
+            result[first : first + len(t_s)] = points
     return result
 
 

@@ -31,6 +31,7 @@ from calib.solving.strain import CERTAIN
 FIRM_SHARE: Final = 0.01  # of the distance, one sigma: beyond it the neighbouring basins are not far
 LINE_FLATNESS: Final = 0.15  # second over first extent of the surveyed positions: below it they are rolled
 SCREENED_ROWS: Final = 800  # that beginnings are compared by before one is gone on with
+SCREENING_STEPS: Final = 12  # of adjusting them: the right one is next to settled by then
 GONE_ON_WITH: Final = 2  # beginnings besides the first
 UNDECIDED_COST: Final = 10.0  # squared sigmas: an answer that costs less than this more stays possible
 APART_SIGMAS: Final = 3.0  # median distance of two flights from one another that makes them two answers
@@ -137,7 +138,8 @@ def _others(timed: Timed, found: list[Attempt], knots_s: float) -> Iterator[Init
             if min(len(seen.t_s) for seen in problem.data) < FEWEST_CAMERA_ROWS:
                 continue
             coarse = problem.thinned(max(1, problem.row_count // SCREENED_ROWS))
-            screened.append((settle(coarse, estimate, first_weights(coarse, estimate))[1], len(screened), initial))
+            cost = settle(coarse, estimate, first_weights(coarse, estimate), SCREENING_STEPS)[1]
+            screened.append((cost, len(screened), initial))
         except CalibrationError:
             continue
     yield from (initial for _, _, initial in sorted(screened, key=lambda one: one[:2])[:GONE_ON_WITH])

@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.adjustment.bundle import Adjusted, Problem, adjust_rounds
+from calib.adjustment.bundle import Adjusted, adjust
 from calib.adjustment.noise import RAYLEIGH_MEDIAN, robust_weight
+from calib.adjustment.problem import Problem
 from calib.adjustment.projection import CameraData, Projected, project, site_time_s
 from calib.adjustment.uncertainty import prediction_px2
 from calib.solving.pixel_information import PriorTest
@@ -133,7 +134,7 @@ def _held_out(adjusted: Adjusted, problem: Problem, near: list[list[NDArray[np.b
     """
     masks = _masks(adjusted, problem, near)
     kept = tuple(data.rows(~mask) for data, mask in zip(problem.data, masks, strict=True))
-    again = adjust_rounds(replace(problem, data=kept), adjusted.estimate, adjusted.weights, 1)
+    again = adjust(replace(problem, data=kept), adjusted.estimate, adjusted.weights, 1)
     results: list[HeldOut | None] = []
     for index, mask in enumerate(masks):
         rows, estimate = problem.data[index].rows(mask), again.estimate

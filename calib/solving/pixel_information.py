@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from calib.adjustment.bundle import Adjusted, Problem
+from calib.adjustment.bundle import Adjusted
+from calib.adjustment.problem import Problem
 from calib.adjustment.uncertainty import settled_covariance
 from calib.solving.survey_check import TESTABLE
 from edge.common.arrays import Array
@@ -60,7 +61,9 @@ class PixelInformation:
         derivative = np.vstack([np.eye(len(prior.known))[prior.known], more.derivative]) / scale[:, None]
         own = np.concatenate([np.zeros(len(prior.covariance)), np.full(len(more.sigma), OWN_NOISE**2)])
         both = np.linalg.inv(derivative @ settled_covariance(adjusted, problem) @ derivative.T + np.diag(own))
-        away = np.concatenate([prior.deviation(adjusted.estimate.cameras)[prior.known], more.value]) / scale
+        # One that creeps along a weak direction is left before it has settled: it counts where it is bound for.
+        further = derivative @ adjusted.factor.solve(adjusted.normal).camera
+        away = np.concatenate([prior.deviation(adjusted.estimate.cameras)[prior.known], more.value]) / scale + further
         known = slice(0, len(prior.covariance))
         pixels = both.copy()
         pixels[known, known] -= np.linalg.inv(prior.covariance / np.outer(scale[known], scale[known]))
@@ -124,14 +127,26 @@ class PriorTest:
         """The chance of priors that are as good as they say looking so strained."""
         return float(stats.chi2.sf(self.statistic, self.freedom)) if self.freedom else 1.0
 
-    def log_likelihood(self, parts: Array) -> float:
-        """Of what was seen, if the priors' covariance is larger by parts @ parts.T; parts: (K', r)."""
+    def widened(self, parts: Array) -> "PriorTest":
+        """The same against priors whose covariance is larger by parts @ parts.T; parts: (K', r)."""
         within = self.frame.T @ parts
-        weighted = within / self.variance[:, None]
-        inner = np.eye(parts.shape[1]) + within.T @ weighted
-        pull = weighted.T @ self.off
-        quadratic = self.statistic - float(pull @ np.linalg.solve(inner, pull))
-        return -0.5 * (quadratic + float(np.log(self.variance).sum() + np.linalg.slogdet(inner)[1]))
+        variance, turned = np.linalg.eigh(np.diag(self.variance) + within @ within.T)
+        return PriorTest(turned.T @ self.off, variance, self.frame @ turned)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of what was seen, if the priors are as good as they say, up to what no wider priors change."""
+        return -0.5 * (self.statistic + float(np.log(self.variance).sum()))
+
+    def gains(self, parts: Array) -> Array:
+        """(D,) by how much it grows if the priors' covariance is larger by each parts @ parts.T; parts: (D, K', r)."""
+        within = self.frame.T @ parts
+        weighted = np.swapaxes(within / self.variance[:, None], 1, 2)
+        pull = weighted @ self.off
+        inner = np.eye(parts.shape[2]) + weighted @ within
+        quadratic = np.einsum("di,di->d", pull, np.linalg.solve(inner, pull[:, :, None])[:, :, 0])
+        gain: Array = 0.5 * (quadratic - np.linalg.slogdet(inner)[1])
+        return gain
 
 
 def _told(information: Array, pull: Array) -> tuple[Array, Array]:

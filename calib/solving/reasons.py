@@ -5,6 +5,8 @@ wrong in every camera is tried on all of them together, for then no camera fits 
 to blame.
 """
 
+import sys
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -16,7 +18,7 @@ from calib.solving.found import Cause
 from calib.solving.inputs import Inputs
 from calib.solving.readings import other_sizes
 from calib.solving.scaffold import GOOD_SHARE, Known, Scaffold, build
-from calib.solving.series import TrackSeries
+from calib.solving.series import TrackSeries, common
 from calib.solving.unposed import Unposed, Why, explained_share, known_of, why_without_pose
 
 FEWEST_CAMERAS: Final = 2  # of anything that is seen together
@@ -139,6 +141,8 @@ def _whole(scaffold: Scaffold) -> bool:
 def _wrong_in_all(inputs: Inputs, tracks: Tracks, offsets: dict[str, float]) -> Why | None:
     """The picture size that all lens files are not of: read so, every camera fits one scaffold nearly wholly."""
     aligned = sorted(offsets)
+    if not any(_one_thing(tracks, offsets, pair) for pair in combinations(aligned, 2)):
+        return None
     ways = zip(*(other_sizes(inputs.sites[name].lens) for name in aligned), strict=True)
     for together in ways:
         read = {
@@ -154,3 +158,12 @@ def _wrong_in_all(inputs: Inputs, tracks: Tracks, offsets: dict[str, float]) -> 
             what = f"the cameras do not fit one another, but the rows of all fit {together[0].what}"
             return Why(Cause.LENS, "", what, f"for all cameras, {together[0].cure}")
     return None
+
+
+def _one_thing(tracks: Tracks, offsets: dict[str, float], pair: tuple[str, str]) -> bool:
+    """Whether two cameras see one thing at a time, but for clutter: else most pairs of their tracks are of two
+    things, and however they are read no pose explains most rows.
+    """
+    one, two = pair
+    t_s = common(tracks[one], tracks[two], offsets[one], offsets[two], sys.maxsize).t_s
+    return len(np.unique(t_s)) >= GOOD_SHARE * max(len(t_s), 1)

@@ -11,12 +11,14 @@ from typing import Final
 
 import numpy as np
 
-from calib.adjustment.bundle import Adjusted, Problem, adjust
+from calib.adjustment.bundle import LAST_WEIGHT_ROUNDS, WEIGHT_ROUNDS, Adjusted, adjust
 from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
+from calib.adjustment.problem import Problem
 from calib.adjustment.projection import ROTATION
 from calib.adjustment.weights import Weights
 from calib.errors import CalibrationError
+from calib.geometry.spline import relaid
 from calib.network import Camera
 from calib.solving.bootstrap import first_estimate
 from calib.solving.doubts import SURVEY_OFF_M, Claim, Doubt, slight_in_all
@@ -58,7 +60,7 @@ def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
     attempt = _Attempt(inputs, initial, knots_s)
     while True:
         attempt.adjust()
-        if attempt.without_a_camera() or attempt.with_other_doubts():
+        if attempt.without_a_camera() or attempt.with_other_doubts() or attempt.with_all_rows():
             continue
         assert attempt.adjusted is not None
         return Refined(attempt.adjusted, attempt.problem, attempt.initial, attempt.left_out, attempt.strain)
@@ -66,8 +68,9 @@ def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
 
 @dataclass
 class _Attempt:
-    """Where refining stands. weights: of the round before, while the cameras stay the same.
+    """Where refining stands. weights, settled: of the round before, while the cameras stay the same.
 
+    all_rows: whether they take part; which cameras belong and what is doubted is found on a part of many first.
     believed: what was begun with before the survey was doubted for the sake of a camera. doubted: about what, by round.
     """
 
@@ -76,6 +79,8 @@ class _Attempt:
     knots_s: float
     left_out: dict[str, str] = field(default_factory=dict)
     weights: Weights | None = None
+    settled: FlightEstimate | None = None
+    all_rows: bool = False
     believed: InitialEstimate | None = None
     doubted: list[frozenset[object]] = field(default_factory=lambda: [frozenset()])
     adjusted: Adjusted | None = None
@@ -85,12 +90,16 @@ class _Attempt:
 
     def adjust(self) -> None:
         """Adjust what there is; `adjusted` stays None if a camera hardly saw anything, or nothing can be determined."""
-        self.problem, self.estimate = problem_of(self.inputs, self.initial, self.knots_s)
+        whole, estimate = problem_of(self.inputs, self.initial, self.knots_s)
+        self.problem = whole if self.all_rows else whole.part
+        self.estimate = _carried_on(self.settled, estimate) if self.settled else estimate
         self.adjusted = None
         if self._blind_camera() is None:
+            rounds = LAST_WEIGHT_ROUNDS if self.all_rows else WEIGHT_ROUNDS
             weights = self.weights or first_weights(self.problem, self.estimate)
+            weights = replace(weights, interval_s=self.problem.interval_s)
             try:
-                self.adjusted = adjust(self.problem, self.estimate, weights)
+                self.adjusted = adjust(self.problem, self.estimate, weights, rounds)
             except CalibrationError:
                 if _most_doubtful(self.initial) is None:
                     raise
@@ -115,7 +124,7 @@ class _Attempt:
         if self._survey_first(outcast[0]):
             return True
         name, self.left_out[outcast[0]] = outcast
-        self.initial, self.weights = _without(self.initial, cameras or self.initial.cameras, name), None
+        self._begin_again(_without(self.initial, cameras or self.initial.cameras, name))
         return True
 
     def _survey_first(self, outcast: str) -> bool:
@@ -128,7 +137,7 @@ class _Attempt:
             return False  # without the survey, three would explain nearly anything
         positions = Believed(Doubt(Claim.POSITION, surveyed, SURVEY_OFF_M[-1], 1.0), 1.0)
         self.believed = self.initial
-        self.initial, self.weights = replace(self.initial, doubts=(positions,)), None
+        self._begin_again(replace(self.initial, doubts=(positions,)))
         self.doubted.append(_about(self.initial.doubts))
         return True
 
@@ -139,7 +148,8 @@ class _Attempt:
             return False
         found = strain(self.adjusted, self.problem, self.inputs.sites)
         if self.believed is not None and all(one.doubt.claim is not Claim.POSITION for one in found.doubts):
-            self.initial, self.weights, self.believed = self.believed, None, None  # the survey was not the reason
+            self._begin_again(self.believed)  # the survey was not the reason
+            self.believed = None
             return True
         self.believed = None
         doubts = self._steady(told_apart(self.adjusted, self.problem, self.inputs.sites, found.doubts))
@@ -152,10 +162,27 @@ class _Attempt:
             self.problem = replace(self.problem, beyond=widening(stated, self.problem.prior))
             return False
         self.doubted.append(_about(self.strain.doubts))
-        begun = started(self.adjusted.estimate, self.problem, self.inputs.sites, self.strain.doubts)
-        self.initial = replace(self.initial, cameras=begun.cameras, doubts=self.strain.doubts)
-        self.weights = self.adjusted.weights
+        self._go_on(
+            started(self.adjusted.estimate, self.problem, self.inputs.sites, self.strain.doubts), self.strain.doubts
+        )
         return True
+
+    def with_all_rows(self) -> bool:
+        """Go on with all rows, if only a part of them took part."""
+        assert self.adjusted is not None
+        if self.all_rows or self.problem.whole:
+            return False
+        self.all_rows = True
+        self._go_on(self.adjusted.estimate, self.initial.doubts)
+        return True
+
+    def _go_on(self, estimate: FlightEstimate, doubts: tuple[Believed, ...]) -> None:
+        assert self.adjusted is not None
+        self.initial = replace(self.initial, cameras=estimate.cameras, doubts=doubts)
+        self.weights, self.settled = self.adjusted.weights, estimate
+
+    def _begin_again(self, initial: InitialEstimate) -> None:
+        self.initial, self.weights, self.settled, self.all_rows = initial, None, None, False
 
     def _steady(self, doubts: tuple[Believed, ...]) -> tuple[Believed, ...]:
         """What is doubted; with the positions doubted until now, where these doubts have led there and back already."""
@@ -167,6 +194,14 @@ class _Attempt:
     def _blind_camera(self) -> str | None:
         pairs = zip(self.estimate.cameras, self.problem.data, strict=True)
         return next((camera.id for camera, seen in pairs if len(seen.t_s) < FEWEST_CAMERA_ROWS), None)
+
+
+def _carried_on(settled: FlightEstimate, anew: FlightEstimate) -> FlightEstimate:
+    """An estimate begun anew with the flight as it had settled, where the same was flown."""
+    before = {camera.id: camera.clock_offset_s for camera in settled.cameras}
+    later_s = float(np.median([camera.clock_offset_s - before[camera.id] for camera in anew.cameras]))
+    control = relaid(settled.control, settled.flight, anew.flight, later_s)
+    return replace(anew, control=np.where(np.isfinite(control), control, anew.control))
 
 
 def _about(doubts: tuple[Believed, ...]) -> frozenset[object]:

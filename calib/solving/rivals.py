@@ -11,8 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from calib.adjustment.bundle import Adjusted, Problem, settle
+from calib.adjustment.bundle import Adjusted, settle
 from calib.adjustment.flight import FlightEstimate
+from calib.adjustment.problem import Problem
 from calib.errors import CalibrationError
 from calib.geometry.rotation import rotation
 from calib.geometry.similarity import HOLD_A_FRAME, Similarity, about, fit_similarity

@@ -30,7 +30,7 @@ class Origin(StrEnum):
 
     STATED = "stated"  # the box vouches for its stamps, and the tracks do not contradict it
     FOUND = "found"  # from the tracks
-    ASSUMED = "assumed"  # the tracks fit at any clock: the stamps as they are
+    ASSUMED = "assumed"  # the tracks fit at any clock, or at none better than at the stamps as they are: these
     UNKNOWN = "unknown"  # the tracks fit at no clock, or at several
 
 
@@ -56,7 +56,25 @@ def site_clocks(
     trusted = trusted_clocks(sites)
     pairs, tied = _compared(tracks, trusted, near_s)
     tied = _against_reference(tied, sites, trusted, tracks)
-    return {name: _told(sites[name], tied.get(name), tracks, pairs) for name in sorted(tracks)}
+    clocks = {name: _told(sites[name], tied.get(name), tracks, pairs) for name in sorted(tracks)}
+    found = [abs(own.clock.offset_s) for own in clocks.values() if own.origin is Origin.FOUND]
+    if max(found, default=0.0) > SAME_S:
+        return clocks  # then stamps are nobody's word
+    return clocks | {name: CameraClock(Clock(), Origin.ASSUMED) for name in _borne_out(clocks, pairs)}
+
+
+def _borne_out(clocks: dict[str, CameraClock], pairs: Pairs) -> list[str]:
+    """Cameras that have no clock because the flight repeats itself, and whose tracks fit all others' as stamped."""
+    unknown = [name for name, own in clocks.items() if own.origin is Origin.UNKNOWN]
+    own = {name: [alignment for pair, alignment in pairs.items() if name in pair] for name in unknown}
+    return [name for name in unknown if own[name] and all(map(_fits_as_stamped, own[name]))]
+
+
+def _fits_as_stamped(alignment: Alignment) -> bool:
+    """Whether a pair's tracks fit at the stamps as they are, and nowhere much better."""
+    best = max((candidate.likelihood for candidate in alignment.candidates), default=0.0)
+    stamped = alignment.as_stamped
+    return stamped is not None and stamped > CLEAR_SCORE and best < stamped + CLEAR_SCORE
 
 
 def _compared(

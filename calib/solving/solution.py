@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.adjustment.bundle import Adjusted, Problem
+from calib.adjustment.bundle import Adjusted
+from calib.adjustment.problem import Problem
 from calib.adjustment.projection import (
     CAMERA_SIZE,
     CENTRE,

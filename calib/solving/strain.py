@@ -15,10 +15,12 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from calib.adjustment.bundle import Adjusted, Problem
+from calib.adjustment.bundle import Adjusted
 from calib.adjustment.joint_prior import JointPrior
+from calib.adjustment.problem import Problem
 from calib.adjustment.projection import centre_of
 from calib.geometry.similarity import HOLD_A_FRAME
 from calib.observations import SiteCamera
@@ -154,13 +156,24 @@ class Weighing:
         """
         pictures = len(self.seen.scale) - len(covariance)
         tested = self.seen.against(block_diag(covariance, SITES[0][0] ** 2 * np.eye(pictures)))
-        support = [_support(tested, np.zeros((len(covariance), 1)), pictures)]
-        for doubt, parts in self._parts.items():
-            support.append(np.log(doubt.odds) + _support(tested, parts, pictures))
-        every = np.array(support)
-        probability = np.exp(every - every.max())
+        sites = [_on_site(tested, askew_rad, pictures) for askew_rad, _ in SITES]
+        as_claimed = np.array([np.log(share) for _, share in SITES]) + [one.log_likelihood for one in sites]
+        support = np.array([0.0, *(np.log(doubt.odds) for doubt in self._parts)])
+        support[0] += np.logaddexp.reduce(as_claimed)
+        for which, parts in self._alike:
+            gains = np.array([one.gains(np.pad(parts, ((0, 0), (0, pictures), (0, 0)))) for one in sites])
+            support[1 + which] += np.logaddexp.reduce(as_claimed[:, None] + gains)
+        probability = np.exp(support - support.max())
         nothing, *each = (probability / probability.sum()).tolist()
         return nothing, dict(zip(self._parts, each, strict=True))
+
+    @cached_property
+    def _alike(self) -> list[tuple[NDArray[np.int64], Array]]:
+        """The parts of doubts that move as many ways: their places among all (D,), and (D, K', r)."""
+        ways = np.array([parts.shape[1] for parts in self._parts.values()])
+        every = list(self._parts.values())
+        groups = [np.flatnonzero(ways == count) for count in np.unique(ways)]
+        return [(which, np.stack([every[index] for index in which])) for which in groups]
 
     def _likely(self, covariance: Array) -> tuple[Believed, ...]:
         """What is not unlikely, if it is likely that something is wrong; otherwise only blunders that are not unlikely.
@@ -182,16 +195,10 @@ class Weighing:
         return bool(off.max() >= BLUNDER_SIGMAS)
 
 
-def _support(tested: PriorTest, parts: Array, pictures: int) -> float:
-    """Log likelihood of what was seen if priors are off by parts (K', r) more, however level the site's pictures are.
-
-    tested: the priors, and after them each picture's roll as on the most level of sites.
-    """
-    each = []
-    for askew_rad, share in SITES:
-        more_rad = np.sqrt(askew_rad**2 - SITES[0][0] ** 2)
-        each.append(np.log(share) + tested.log_likelihood(block_diag(parts, more_rad * np.eye(pictures))))
-    return float(np.logaddexp.reduce(each))
+def _on_site(tested: PriorTest, askew_rad: float, pictures: int) -> PriorTest:
+    """The test where pictures hang as askew as that. tested: on the most level of sites, the pictures' rolls last."""
+    more_rad = np.sqrt(askew_rad**2 - SITES[0][0] ** 2)
+    return tested.widened(more_rad * np.eye(len(tested.frame))[:, len(tested.frame) - pictures :])
 
 
 def _of_any_size(probability: dict[Doubt, float]) -> Iterator[Believed]:

@@ -45,6 +45,8 @@ def test_solution_is_the_dense_one(spans: int, seed: int, rows: int) -> None:
     expected = np.linalg.solve(dense, right)
     # The condition number is below 1e6 by construction.
     assert np.concatenate([step.control.ravel(), step.camera]) == pytest.approx(expected, abs=1e-9)
+    information = np.linalg.inv(factorise(normal).camera_covariance)
+    assert step.camera_squared == pytest.approx(step.camera @ information @ step.camera, rel=1e-6)
 
 
 @settings(max_examples=20)

@@ -1,12 +1,14 @@
 """The flight as a uniform cubic B-spline: partition of unity, its derivative, polynomials exactly, stretches."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.adjustment.flight import jerk
-from calib.geometry.spline import Flight, evaluate, lay_knots, velocity
+from calib.geometry.spline import Flight, evaluate, lay_knots, relaid, velocity
 
 FLIGHT = Flight(np.array([10.0, 40.0]), np.array([6, 3]), 0.5, np.array([0, 1]))
 inside = st.floats(10.0, 13.0)
@@ -79,3 +81,30 @@ def test_knots_cover_every_time_and_break_at_gaps(times: list[float], spacing: f
     flight = lay_knots(t, np.zeros(len(t), np.int64), spacing, gap)
     assert (flight.stretch_of(t, np.zeros(len(t), np.int64)) >= 0).all()
     assert len(flight.spans) == 1 + int((np.diff(np.sort(t)) > gap).sum())
+
+
+@given(seed=st.integers(0, 1000), later_s=st.floats(-100.0, 100.0))
+def test_on_the_same_knots_control_points_come_back_whatever_the_time_is_called(seed: int, later_s: float) -> None:
+    control = np.random.default_rng(seed).normal(size=(FLIGHT.controls, 3))
+    later = replace(FLIGHT, start_s=FLIGHT.start_s + later_s)
+    assert relaid(control, FLIGHT, later, later_s) == pytest.approx(control, abs=1e-9)
+
+
+@given(shift=st.floats(-0.4, 0.4), more=st.integers(-1, 0))
+def test_a_cubic_is_the_same_on_knots_that_lie_elsewhere(shift: float, more: int) -> None:
+    old = Flight(np.array([10.0]), np.array([12]), 0.5, np.array([3]))
+    knots = 10.0 + (np.arange(old.controls) - 1) * 0.5
+    control = np.column_stack([knots, knots**2 - 0.5**2 / 3, knots**3 - knots * 0.5**2])  # f - h^2 f'' / 6
+    new = Flight(np.array([10.0 + shift]), np.array([12 + more]), 0.5, np.array([3]))
+    t = np.linspace(10.5, 15.0, 40)
+    found = evaluate(new.locate(t, np.zeros(40, np.int64)), relaid(control, old, new, 0.0))
+    assert found == pytest.approx(np.column_stack([t, t**2, t**3]), abs=1e-8)
+
+
+def test_what_was_not_flown_is_not_made_up() -> None:
+    control = np.ones((FLIGHT.controls, 3))
+    longer = replace(FLIGHT, spans=FLIGHT.spans + np.array([0, 4]))
+    found = relaid(control, FLIGHT, longer, 0.0)
+    assert np.isfinite(found[:9]).all()
+    assert np.isnan(found[9:]).all()
+    assert np.isnan(relaid(control, FLIGHT, replace(FLIGHT, target=np.array([5, 6])), 0.0)).all()

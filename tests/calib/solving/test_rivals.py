@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.adjustment.bundle import Adjusted, Problem, adjust_rounds
+from calib.adjustment.bundle import Adjusted, adjust
 from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.priors import camera_priors
+from calib.adjustment.problem import Problem
 from calib.adjustment.weights import Weights
 from calib.geometry.rotation import rotation
 from calib.geometry.similarity import Similarity
@@ -58,7 +59,7 @@ def mistyped() -> Mistyped:
     )
     problem = Problem(data, camera_priors(begun.cameras, inputs.sites))
     weights = Weights(np.full(4, 5.0), problem.interval_s, 0.0, 10.0)
-    return adjust_rounds(problem, estimate, weights, 3), problem, inputs.sites
+    return adjust(problem, estimate, weights, 3), problem, inputs.sites
 
 
 @pytest.mark.parametrize("order", [(1, 2, 3, 4), (4, 3, 2, 1)])

@@ -12,6 +12,7 @@ from calib.solving.common_time import on_one_time
 from calib.solving.inputs import Inputs, prepare
 from calib.solving.site_clocks import CameraClock, Origin, site_clocks
 from tests.calib.flights import CAMERAS, site
+from tools.doubles.hazards.kinds import draw
 
 ALIGNED_S = 0.03  # two candidates of a hundredth each, and the noise's part
 
@@ -91,6 +92,21 @@ def test_a_regular_orbit_says_nothing_of_the_clocks_and_the_stamps_stand() -> No
         prepared(Simulation(seed=5, object=(ObjectSpec(waypoints_enu=around),), camera=cameras, duration_s=90.0))
     )
     assert {own.origin for own in found.values()} == {Origin.ASSUMED}
+
+
+@pytest.mark.parametrize("number", [4, 5, 8, 10])
+def test_where_an_orbit_repeats_itself_and_nothing_fits_better_the_stamps_stand(number: int) -> None:
+    """Half a metre up and down, and nobody vouches: each pair fits as stamped, and nearly as well some laps later."""
+    inputs = prepare(draw("orbit_no_bound", "choose", 0, number).simulated.scene)
+    found = clocks_of(inputs)
+    assert {own.origin for own in found.values()} <= {Origin.FOUND, Origin.ASSUMED}
+    assert max(abs(own.clock.offset_s) for own in found.values()) < 0.1
+
+
+@pytest.mark.parametrize("number", [0, 1, 6])
+def test_of_phones_seconds_apart_in_an_orbit_the_stamps_are_nobodys_word(number: int) -> None:
+    inputs = prepare(draw("orbit_phones", "choose", 0, number).simulated.scene)
+    assert all(own.origin is not Origin.ASSUMED for own in clocks_of(inputs).values())
 
 
 def test_a_camera_that_filmed_something_else_has_no_clock_and_is_told_so() -> None:

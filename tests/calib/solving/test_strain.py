@@ -8,8 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from calib.adjustment.bundle import adjust_rounds
-from calib.adjustment.projection import CAMERA_SIZE, LENS, centre_of, unknowns_of
+from calib.adjustment.bundle import Adjusted, adjust
+from calib.adjustment.flight import FlightEstimate
+from calib.adjustment.normal import factorise
+from calib.adjustment.priors import moved
+from calib.adjustment.problem import Point, Problem
+from calib.adjustment.projection import CAMERA_SIZE, LENS, centre_of, project, unknowns_of
+from calib.adjustment.smoothness import Smoothness
 from calib.adjustment.uncertainty import camera_covariance
 from calib.simulation.simulation import simulate
 from calib.solving.doubts import Claim, Doubt, directions
@@ -79,8 +84,14 @@ def test_likelihoods_are_those_of_the_normal_distribution(seed: int, size: int, 
     def theory(prior: Array) -> float:
         return float(stats.multivariate_normal(None, design @ prior @ design.T + np.eye(size)).logpdf(seen))
 
-    found = tested.log_likelihood(parts) - tested.log_likelihood(np.zeros((size, 1)))
-    assert found == pytest.approx(theory(covariance + parts @ parts.T) - theory(covariance), rel=1e-6, abs=1e-6)
+    gain = theory(covariance + parts @ parts.T) - theory(covariance)
+    assert tested.gains(np.array([parts, 0 * parts])) == pytest.approx([gain, 0.0], rel=1e-6, abs=1e-6)
+    wider = tested.widened(parts)
+    assert wider.log_likelihood - tested.log_likelihood == pytest.approx(gain, rel=1e-6, abs=1e-6)
+    more = wider.gains(parts[None])[0]  # widened twice by the same
+    assert more + gain == pytest.approx(
+        theory(covariance + 2 * parts @ parts.T) - theory(covariance), rel=1e-6, abs=1e-6
+    )
 
 
 @settings(max_examples=30)
@@ -222,6 +233,15 @@ def refined(inputs: Inputs) -> Refined:
     return refine(inputs, from_network(inputs, simulate(GOOD).network), 0.5)
 
 
+def stopped_at(problem: Problem, estimate: FlightEstimate, settled: Adjusted) -> Adjusted:
+    """An adjustment that was given up there."""
+    pairs = zip(estimate.cameras, problem.data, strict=True)
+    projected = tuple(project(camera, seen, estimate.flight, estimate.control) for camera, seen in pairs)
+    smoothness = Smoothness.at(estimate, settled.weights.jerk_weight)
+    normal = Point(problem, estimate, settled.weights, smoothness, projected).normal()
+    return replace(settled, estimate=estimate, normal=normal, factor=factorise(normal), projected=projected)
+
+
 def test_what_pixels_say_does_not_depend_on_what_was_believed_beforehand(refined: Refined) -> None:
     """The priors' part is taken out again: adjusting with one position unknown leaves the same pixels.
 
@@ -230,10 +250,26 @@ def test_what_pixels_say_does_not_depend_on_what_was_believed_beforehand(refined
     problem = refined.problem
     doubt = Believed(Doubt(Claim.POSITION, ("cam2",), 1.0, 1.0), 1.0)
     widened = replace(problem, widened=widening((doubt,), problem.prior))
-    other = adjust_rounds(widened, refined.adjusted.estimate, refined.adjusted.weights, 1)
+    other = adjust(widened, refined.adjusted.estimate, refined.adjusted.weights, 1)
     here = PixelInformation.of(refined.adjusted, problem).against(problem.prior.claimed)
     there = PixelInformation.of(other, widened).against(problem.prior.claimed)
     assert len(there.off) == len(here.off)
+    assert there.statistic == pytest.approx(here.statistic, rel=0.05)
+
+
+def test_what_pixels_say_does_not_depend_on_whether_the_adjustment_has_settled(refined: Refined) -> None:
+    """Stopped where a position and a lens are still two sigmas from where they are bound for."""
+    settled, problem = refined.adjusted, refined.problem
+    sigma = np.sqrt(np.diag(camera_covariance(settled, problem)))
+    off = np.zeros(len(sigma))
+    off[centre_of(1)], off[unknowns_of(2)][LENS.start] = 2.0, -2.0
+    steps = (off * sigma).reshape(-1, CAMERA_SIZE)
+    cameras = tuple(moved(camera, step) for camera, step in zip(settled.estimate.cameras, steps, strict=True))
+    # The flight follows, as it would have.
+    control = settled.estimate.control - (settled.factor.carried @ steps.ravel()).reshape(-1, 3)
+    before = replace(settled.estimate, cameras=cameras, control=control)
+    stopped = stopped_at(problem, before, settled)
+    here, there = (PixelInformation.of(one, problem).against(problem.prior.claimed) for one in (settled, stopped))
     assert there.statistic == pytest.approx(here.statistic, rel=0.05)
 
 

@@ -1,0 +1,166 @@
+"""What is adjusted: what is given of all cameras, and its residuals, cost and normal equations at one estimate."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from calib.adjustment.flight import FlightEstimate
+from calib.adjustment.joint_prior import JointPrior
+from calib.adjustment.noise import robust_cost, robust_weight
+from calib.adjustment.normal import Normal, NormalStep
+from calib.adjustment.priors import CameraPrior, moved
+from calib.adjustment.projection import CAMERA_SIZE, CameraData, Projected, project, unknowns_of
+from calib.adjustment.smoothness import Smoothness
+from calib.adjustment.weights import Fitted, Weights
+from edge.common.arrays import Array
+
+COARSE_ROWS: Final = 8000  # enough for a hundred unknowns at any correlation
+FEWEST_KEPT: Final = 100  # of each camera's rows, however many the others have
+WORST_SIGMAS: Final = 30.0  # what an observation without an image costs
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is given: one CameraData and one prior for each camera, in one order throughout.
+
+    widened: (14 C, 14 C) covariance that is added to what the priors claim, where they were found to claim too much.
+    beyond: the same of what they are weighed by as claimed nevertheless: it counts in what is stated, not in the
+    weights. whole: whether there are no more rows than these.
+    """
+
+    data: tuple[CameraData, ...]
+    priors: tuple[CameraPrior, ...]
+    widened: Array | None = None
+    beyond: Array | None = None
+    whole: bool = True
+
+    @cached_property
+    def prior(self) -> JointPrior:
+        """What is known of all cameras together."""
+        return JointPrior(self.priors, self.widened)
+
+    @property
+    def part(self) -> "Problem":
+        """As much of it as weights and doubts are settled by: neighbouring rows say nearly the same."""
+        every = self.row_count // COARSE_ROWS
+        return replace(self.thinned(every), whole=False) if every > 1 else self
+
+    def thinned(self, every: int) -> "Problem":
+        """The same problem with only each so-many-th row, but not next to none of any camera's."""
+        steps = [max(1, min(every, len(seen.t_s) // FEWEST_KEPT)) for seen in self.data]
+        return replace(
+            self, data=tuple(seen.rows(slice(None, None, step)) for seen, step in zip(self.data, steps, strict=True))
+        )
+
+    @property
+    def row_count(self) -> int:
+        """Rows of all cameras together."""
+        return sum(len(seen.t_s) for seen in self.data)
+
+    @property
+    def interval_s(self) -> Array:
+        """(C,) time between a camera's frames, whatever number of objects they show."""
+        return np.array([np.median(np.diff(np.unique(seen.t_s))) for seen in self.data], float)
+
+
+@dataclass(frozen=True)
+class Point:
+    """The problem at one estimate under one set of weights."""
+
+    problem: Problem
+    estimate: FlightEstimate
+    weights: Weights
+    smoothness: Smoothness
+    projected: tuple[Projected, ...]
+
+    @classmethod
+    def at(cls, problem: Problem, estimate: FlightEstimate, weights: Weights) -> "Point":
+        """A point, the flight's size being what smoothness is relative to."""
+        return cls.of(problem, estimate, weights, Smoothness.at(estimate, weights.jerk_weight))
+
+    @classmethod
+    def of(cls, problem: Problem, estimate: FlightEstimate, weights: Weights, smoothness: Smoothness) -> "Point":
+        """A point of a prior on the flight that stays."""
+        pairs = zip(estimate.cameras, problem.data, strict=True)
+        images = tuple(project(camera, seen, estimate.flight, estimate.control) for camera, seen in pairs)
+        return cls(problem, estimate, weights, smoothness, images)
+
+    def moved(self, step: NormalStep) -> "Point":
+        """Where a step leads. Raises LensError if it makes a camera's lens none."""
+        changes = step.camera.reshape(-1, CAMERA_SIZE)
+        cameras = tuple(moved(camera, change) for camera, change in zip(self.estimate.cameras, changes, strict=True))
+        estimate = replace(self.estimate, cameras=cameras, control=self.estimate.control + step.control)
+        return Point.of(self.problem, estimate, self.weights, self.smoothness)
+
+    def lengths(self, index: int) -> Array:
+        """(N,) residuals of one camera in sigmas: what the robust loss judges, correlated or not."""
+        image, seen = self.projected[index], self.problem.data[index]
+        sigma = self.weights.sigma_px[index] * seen.sigma_px
+        return np.where(image.valid, np.linalg.norm(image.residual, axis=1) / sigma, WORST_SIGMAS)
+
+    def fitted(self) -> tuple[Fitted, ...]:
+        """Per camera its data, its residuals and the robust share of each row's weight; fixed unknowns left out."""
+        parts = enumerate(zip(self.problem.data, self.projected, self.problem.priors, strict=True))
+        return tuple(
+            Fitted(
+                seen,
+                replace(image, by_camera=image.by_camera * np.where(prior.fixed, 0.0, 1.0)),
+                robust_weight(self.lengths(index)) * image.valid,
+            )
+            for index, (seen, image, prior) in parts
+        )
+
+    def cost(self) -> float:
+        """What the steps reduce: robust residuals, priors, and jerk."""
+        total = sum(
+            float(robust_cost(self.lengths(index)).sum()) / float(correlated)
+            for index, correlated in enumerate(self.weights.correlated)
+        )
+        return total + self.problem.prior.cost(self.estimate.cameras) + self.smoothness.cost(self.estimate)
+
+    def normal(self) -> Normal:
+        """The normal equations of a step from here."""
+        normal = Normal.zero(len(self.estimate.control), CAMERA_SIZE * len(self.projected))
+        for index, part in enumerate(self.fitted()):
+            whiten = self._whiten(index, part)
+            image = part.image
+            normal.add_observations(
+                image.located,
+                image.by_point * whiten[:, :, None],
+                image.by_camera * whiten[:, :, None],
+                image.residual * whiten,
+                unknowns_of(index),
+            )
+        self.problem.prior.add_to(normal, self.estimate.cameras)
+        self.smoothness.add_to(normal, self.estimate)
+        return normal
+
+    def bent(self, step: NormalStep, share: float, ahead: "Point", normal: Normal) -> Normal:
+        """The normal equations of what a step lacks because residuals are no straight lines along it: half their second
+        derivative along the step, from those at a share of it, `ahead`.
+        """
+        bending = replace(
+            normal, right_control=np.zeros_like(normal.right_control), right_camera=np.zeros_like(normal.right_camera)
+        )
+        for index, part in enumerate(self.fitted()):
+            image, at = part.image, unknowns_of(index)
+            moved_m = np.einsum("nk,nkd->nd", image.located.weights(), step.control[image.located.controls()])
+            straight = np.einsum("nij,nj->ni", image.by_point, moved_m) + image.by_camera @ step.camera[at]
+            there = ahead.projected[index]
+            half = ((there.residual - image.residual) / share - straight) / share
+            whiten = self._whiten(index, part) * there.valid[:, None]
+            bending.add_pull(
+                image.located,
+                image.by_point * whiten[:, :, None],
+                image.by_camera * whiten[:, :, None],
+                half * whiten,
+                at,
+            )
+        return bending
+
+    def _whiten(self, index: int, part: Fitted) -> Array:
+        """(N, 1) what a camera's rows are weighed with."""
+        sigma = self.weights.weighing_sigma_px[index] * part.data.sigma_px
+        return np.asarray(np.sqrt(part.kept) / sigma)[:, None]
