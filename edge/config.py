@@ -45,16 +45,21 @@ class SourceConfig(Section, frozen=True, kw_only=True):
         Literal["auto", "file", "v4l2", "rtsp", "folder"], Meta(description="auto: what the path looks like")
     ] = "auto"
     t0_unix_ns: Annotated[TimeNs | None, Meta(description="files: UTC of the first frame")] = None
-    bound_s: Annotated[ClockBound, Meta(description="files: how far t0_unix_ns may be off")] = 0.0
+    bound_s: Annotated[
+        ClockBound | None,
+        Meta(description="files: how far t0_unix_ns, or times in names, may be off; left out: not known"),
+    ] = None
     realtime: Annotated[bool, Meta(description="files: play at the pace of the stamps, dropping what is late")] = False
     start_at_unix_ns: Annotated[
         TimeNs | None, Meta(description="realtime: this box's UTC to play the first frame at")
     ] = None
-    loop: Annotated[bool, Meta(description="files: begin again at the end, stamps going on")] = False
+    loop: Annotated[bool, Meta(description="files, folders: begin again at the end, stamps going on")] = False
     follow: Annotated[bool, Meta(description="folder: wait for new images")] = False
     fps: Annotated[
         Annotated[float, Meta(gt=0, le=1000)] | None,
-        Meta(description="frames a second: asked of a camera; the rate of sources without times"),
+        Meta(
+            description="frames a second: asked of a camera; the rate of files and folders without times of their own"
+        ),
     ] = None
     size_px: Annotated[SizePx | None, Meta(description="width and height asked of a V4L2 camera")] = None
     pixel_format: Annotated[

@@ -1,5 +1,6 @@
 """Sources of frames behind one interface: V4L2, RTSP, video file, image folder."""
 
+import datetime as dt
 import re
 import threading
 from collections.abc import Callable
@@ -8,8 +9,10 @@ from typing import Final, Literal
 
 import cv2
 
+from edge.capture.address import shown
+from edge.capture.creation_time import creation_unix_s
 from edge.capture.folder import ImageFolder
-from edge.capture.frame import FrameSource, Image, Picture, TimeSource
+from edge.capture.frame import FrameSource, Image, Picture, Remark, TimeSource
 from edge.capture.live import RtspStream, V4l2Camera, open_rtsp, open_v4l2
 from edge.capture.pacing import Realtime
 from edge.capture.video import VideoFile
@@ -22,7 +25,6 @@ __all__ = ["FrameSource", "Image", "Picture", "TimeSource", "is_live", "is_lossl
 # A recording that nobody dated is dated to this instant, so that it can be looked at, with a bound that says so.
 UNDATED_T_UNIX_NS: Final = 1_500_000_000 * 10**9
 UNDATED_BOUND_S: Final = None
-FOLDER_FPS: Final = 30.0  # for images that carry no time
 
 Kind = Literal["file", "v4l2", "rtsp", "folder"]
 
@@ -41,7 +43,7 @@ def kind_of(camera: CameraConfig) -> Kind:
         return "v4l2"
     if "://" in source.path:
         raise ConfigError(
-            f"source {source.path} is of no known kind",
+            f"source {shown(source.path)} is of no known kind",
             where=f"camera {camera.id}",
             action='give an rtsp:// address, a file, a folder or /dev/videoN, or say source.kind = "rtsp"',
         )
@@ -85,6 +87,16 @@ def open_source(
     return _open_recording(camera, kind, colour, stop)
 
 
+def _undated(path: str) -> Remark:
+    """That nobody says when a recording was made, and what its file says of that."""
+    created_s = creation_unix_s(path)
+    offered = "set source.t0_unix_ns to UTC of its first frame"
+    if created_s is not None:
+        date = dt.datetime.fromtimestamp(created_s, dt.UTC).strftime("%Y-%m-%d %H:%M:%S")
+        offered = f"if its creation time, {date} UTC, is right, set source.t0_unix_ns = {created_s}000000000"
+    return Remark("nobody says when it was recorded: it is dated to 2017-07-14, without a bound", offered)
+
+
 def _open_recording(camera: CameraConfig, kind: Kind, colour: bool, stop: threading.Event) -> FrameSource:
     source = camera.source
     dated = source.t0_unix_ns is not None
@@ -94,13 +106,20 @@ def _open_recording(camera: CameraConfig, kind: Kind, colour: bool, stop: thread
         return ImageFolder(
             source.path,
             t0_unix_ns=t0_unix_ns,
-            bound_s=bound_s,
-            fps=source.fps or FOLDER_FPS,
+            bound_s=source.bound_s,
+            fps=source.fps,
             follow=source.follow,
+            loop=source.loop,
             colour=colour,
             stop=stop,
         )
     video = VideoFile(
-        source.path, t0_unix_ns=t0_unix_ns, bound_s=bound_s, colour=colour, fps=source.fps, loop=source.loop
+        source.path,
+        t0_unix_ns=t0_unix_ns,
+        bound_s=bound_s,
+        colour=colour,
+        fps=source.fps,
+        loop=source.loop,
+        remarks=() if dated else (_undated(source.path),),
     )
     return Realtime(video, stop, source.start_at_unix_ns) if source.realtime else video

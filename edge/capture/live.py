@@ -11,6 +11,7 @@ from typing import Any, Final, Protocol
 
 import cv2
 
+from edge.capture.address import shown, why_not
 from edge.capture.decoding import FILLS, first_retrieved, undecoded, unwritten
 from edge.capture.frame import Picture, Remark, StampOf, middle_of_exposure
 from edge.capture.grey import grey
@@ -156,7 +157,7 @@ class RtspStream:
             image = first_retrieved(self._capture, FILLS[0])
             ok = image is not None
             if image is not None and unwritten(image, FILLS[0]):
-                raise undecoded(self._path)
+                raise undecoded(shown(self._path))
         if not ok or image is None:
             raise _dead(self._path)
         self._seen = True
@@ -196,16 +197,15 @@ def open_v4l2(
 
 
 def open_rtsp(path: str, timeout_s: float) -> cv2.VideoCapture:
-    """A network stream. Raises SourceError if it does not open within the limit."""
+    """A network stream. Raises SourceError, LoginError if it does not open within the limit."""
     limit_ms = round(timeout_s * 1e3)
     options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 2 * limit_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, limit_ms]
     capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG, [*options, cv2.CAP_PROP_N_THREADS, 1])
     if not capture.isOpened():
-        action = "check the address, the password and the network; it is tried again by itself"
-        raise SourceError("the stream does not open", where=path, action=action)
+        raise why_not(path)
     return capture
 
 
 def _dead(path: str) -> SourceError:
     action = "check cable and power; it is opened again by itself"
-    return SourceError("the camera gives no more frames", where=path, action=action)
+    return SourceError("the camera gives no more frames", where=shown(path), action=action)

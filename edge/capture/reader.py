@@ -16,7 +16,7 @@ from typing import Final
 import cv2
 
 from edge.capture.frame import FrameSource, Picture, Remark
-from edge.common.errors import SkyfixError, SourceError
+from edge.common.errors import LoginError, SkyfixError, SourceError
 from edge.common.own_thread import OwnThread
 
 log = logging.getLogger(__name__)
@@ -25,6 +25,7 @@ READER_CLOSE_S: Final = 1.0  # a driver lets go of a frame within this, or is le
 WAITING_FRAMES: Final = 2  # frames between capture and detector: more is only delay
 FIRST_PATIENCE_S: Final = 0.5  # before a dead source is opened again
 LONGEST_PATIENCE_S: Final = 8.0
+LOGIN_PATIENCE_S: Final = 300.0  # cameras lock an account for half an hour after five to seven refused logins
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class Reader(OwnThread):
             log.warning("%s: %s", self._name, error or "the stream ended; opening it again")
             self._update(error=error, reopened=self._state.reopened + 1)
             patience_s = FIRST_PATIENCE_S if self._state.frames > before else min(2 * patience_s, LONGEST_PATIENCE_S)
-            self._stop.wait(patience_s)
+            self._stop.wait(LOGIN_PATIENCE_S if isinstance(error, LoginError) else patience_s)
             segment += 1
         self._update(ended=True)
 

@@ -6,6 +6,7 @@ it says at the end. So it is asked again, what was lost is told, and the file's 
 """
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -48,14 +49,15 @@ class VideoFile:
         fps: float | None = None,
         loop: bool = False,
         dated: bool = True,
+        remarks: Sequence[Remark] = (),
     ) -> None:
-        """dated: False where only the order of the pictures matters, and frames without times will do."""
+        """dated: False where only the order of the pictures matters. remarks: those to begin with."""
         self._path = path
         self._bound_s = bound_s
         self._colour = colour
         self._loop = loop
         self._segment = 0
-        self._remarks: list[Remark] = []
+        self._remarks: list[Remark] = list(remarks)
         self._probe = probe(path, colour=colour)
         self._fps = self._rate(fps) if dated else UNDATED_FPS
         self._begin(t0_unix_ns)

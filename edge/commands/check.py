@@ -14,6 +14,7 @@ from typing import Final
 import msgspec
 
 from edge.capture import is_lossless, open_source
+from edge.capture.address import shown
 from edge.clock.monitor import ClockMonitor
 from edge.clock.state import check_clock
 from edge.common.errors import ConfigError, SkyfixError
@@ -36,8 +37,15 @@ LINK_S: Final = 2.0  # opening and hearing of a station takes well under a secon
 
 
 def resolved(config: BoxConfig) -> str:
-    """The configuration as it will be used, defaults filled in."""
-    return msgspec.json.format(msgspec.json.encode(config), indent=2).decode()
+    """The configuration as it will be used, defaults filled in, passwords left out."""
+    cameras = tuple(_without_password(camera) for camera in config.camera)
+    shown_config = msgspec.structs.replace(config, camera=cameras)
+    return msgspec.json.format(msgspec.json.encode(shown_config), indent=2).decode()
+
+
+def _without_password(camera: CameraConfig) -> CameraConfig:
+    source = msgspec.structs.replace(camera.source, path=shown(camera.source.path))
+    return msgspec.structs.replace(camera, source=source)
 
 
 def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
@@ -85,11 +93,14 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
             pipeline.step(frame)
             spent_s.append(time.perf_counter() - began_s)
             last = frame
-            settled = not source.live or frame.bound_s is not None or time.monotonic() > deadline_s
+            sure = frame.bound_s is not None and not source.remarks
+            settled = not source.live or sure or time.monotonic() > deadline_s
             if settled and len(spent_s) >= TRIED_FRAMES:
                 break
         if not spent_s:
-            yield Check(f"camera {camera.id}", "fail", f"{camera.source.path} holds no frame", "play it to check it")
+            yield Check(
+                f"camera {camera.id}", "fail", f"{shown(camera.source.path)} holds no frame", "play it to check it"
+            )
             return
         bound_s = total_bound_s(last, clock.bound_s())
         uncertainty = "unknown" if bound_s is None else f"{bound_s * 1e3:.3g} ms"
@@ -97,8 +108,10 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
         action = "expect a worse position, or give it a better source of time" if level == "warn" else ""
         size = f"{last.size_px[0]} x {last.size_px[1]}"
         reason = f"{size} frames, timed by {last.time_source}, uncertain by {uncertainty}"
+        if source.remarks:
+            level, action = "warn", source.remarks[0].action
+            reason = "; ".join([reason, *(remark.what for remark in source.remarks)])
         yield Check(f"camera {camera.id}", level, reason, action)
-        yield from (Check(f"camera {camera.id}", "warn", one.what, one.action) for one in source.remarks)
         yield Check(f"detector {camera.id}", "ok", f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame")
     except SkyfixError as error:
         yield failure(f"camera {camera.id}", error)

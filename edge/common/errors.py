@@ -5,6 +5,7 @@
     ├── MessageError       bytes from the network or a recording are not what they claim to be
     ├── LensError          a lens model cannot do what was asked of it
     ├── SourceError        a camera, stream or video does not open, or is dead
+    │   └── LoginError     a camera refuses who logs in: not to be tried again and again
     ├── ModelError         a detection model does not load, or has a shape we cannot decode
     ├── GnssError          a receiver cannot be reached or contradicts itself
     ├── LinkError          the network session cannot be opened
@@ -54,6 +55,10 @@ class LensError(SkyfixError):
 
 class SourceError(SkyfixError):
     """A camera, stream or video does not open, or is dead."""
+
+
+class LoginError(SourceError):
+    """A camera refuses the user name or password: trying again at once locks accounts."""
 
 
 class ModelError(SkyfixError):

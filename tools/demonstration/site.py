@@ -57,6 +57,7 @@ def box(name: str, camera: CameraSpec, inputs: Inputs, ports: Ports) -> str:
                     "path": str(inputs.video),
                     "realtime": True,
                     "t0_unix_ns": first_frame_unix_ns,
+                    "bound_s": 0.0,
                     "start_at_unix_ns": first_frame_unix_ns + delivery_ns,
                 },
                 "lens": {

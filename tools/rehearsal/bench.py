@@ -88,7 +88,8 @@ def configure_box(machine: Machine, site: str = "field1") -> None:
     text = (ROOT / "deploy/edge.example.toml").read_text().replace('site = "field1"', f'site = "{site}"')
     text = text.replace(
         'path = "/dev/video0"',
-        'path = "/var/lib/skyfix/film.avi"\nrealtime = true\nloop = true\nt0_unix_ns = 1700000000000000000',
+        'path = "/var/lib/skyfix/film.avi"\nrealtime = true\nloop = true\nt0_unix_ns = 1700000000000000000'
+        "\nbound_s = 0",
     )
     text = text.replace('lens = "cam0.lens.toml" ', LENS + " ")
     before, _, rest = text.partition("[gnss]")

@@ -133,7 +133,8 @@ def bring_cameras(there: Field) -> int:
 
 def there_from(t_unix_ns: int) -> str:
     """The lines of a camera that is a video, whose first frame is of that instant, again and again."""
-    return f'path = "{FILM}"\nrealtime = true\nloop = true\nt0_unix_ns = {t_unix_ns}\nstart_at_unix_ns = {t_unix_ns}'
+    times = f"bound_s = 0\nt0_unix_ns = {t_unix_ns}\nstart_at_unix_ns = {t_unix_ns}"
+    return f'path = "{FILM}"\nrealtime = true\nloop = true\n{times}'
 
 
 def flown(there: Field) -> None:

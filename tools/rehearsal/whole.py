@@ -136,7 +136,9 @@ def _box_beside(life: Life) -> None:
     machine.run("cd /root/hill && base-station certs issue cam2 && cp certs/access.json /etc/skyfix/certs/")
     film(machine.root / "var/lib/skyfix/film.avi")
     config = machine.root / "root/hill/cam2/edge.toml"
-    source = 'path = "/var/lib/skyfix/film.avi"\nrealtime = true\nloop = true\nt0_unix_ns = 1700000000000000000'
+    source = (
+        'path = "/var/lib/skyfix/film.avi"\nrealtime = true\nloop = true\nt0_unix_ns = 1700000000000000000\nbound_s = 0'
+    )
     config.write_text(config.read_text().replace('path = "/dev/video0"', source))
     shutil.rmtree(machine.root / "root/hill/cam2/certs")
     shutil.copytree(machine.root / "root/hill/certs/issued/cam2", machine.root / "root/hill/cam2/certs")

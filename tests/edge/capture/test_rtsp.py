@@ -98,5 +98,5 @@ def test_silent_stream_is_opened_again() -> None:
 
 
 def test_refused_port_is_named() -> None:
-    with pytest.raises(SourceError, match="does not open"):
+    with pytest.raises(SourceError, match="nobody answers"):
         open_rtsp("rtsp://127.0.0.1:1/none", 1.0)

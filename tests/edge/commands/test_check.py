@@ -107,7 +107,7 @@ def test_each_fault_is_a_finding_beside_the_others(box: Path, old: str, new: str
 def test_a_recording_without_frames(box: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     change(box, "flight.mp4", "empty")
-    assert "holds no frame" in found(box)["camera cam1"].reason
+    assert "holds no picture" in found(box)["camera cam1"].reason
 
 
 def test_undated_frames_are_warned_of(box: Path) -> None:
