@@ -20,11 +20,12 @@ from edge.config import GateConfig
 from edge.detector.detections import Detections, Detector
 from edge.gate import Gate, TrackRow, make_gate
 from edge.lens import LensModel, pixel_to_ray
-from edge.messages import MAX_RAY, Detection, Tracks
+from edge.messages import MAX_PIXEL, MAX_RAY, Detection, Tracks
 from edge.pictures.view import ViewWatch
 
 EMPTY_EVERY_NS: Final = 500_000_000  # "sees nothing" is said twice a second; the contract asks for once
 STEPPED_BACK_NS: Final = 1_000_000_000  # further back than this the clock was set, and tracking begins anew
+COUNTED: Final = ("frames_backwards", "rows_without_ray", "rows_unsound", "rows_published", "clock_stepped")
 NOWHERE: Final = np.zeros((0, 3))
 
 
@@ -51,7 +52,9 @@ class Pipeline:
         self._last_t_unix_ns: int | None = None
         self._last_said_unix_ns = 0
         self._bound_s: float | None = None
-        self._counts = dict.fromkeys(("frames_backwards", "rows_without_ray", "rows_published", "clock_stepped"), 0.0)
+        self._counts = dict.fromkeys(
+            ("frames_backwards", "rows_without_ray", "rows_unsound", "rows_published", "clock_stepped"), 0.0
+        )
         self.view = ViewWatch()
         self.latest: tuple[Picture, list[TrackRow]] | None = None
 
@@ -134,6 +137,9 @@ class Pipeline:
             return []
         rays = pixel_to_ray(self._facts.lens, np.array([(row.u_px, row.v_px) for row in rows]))
         usable = np.all(np.isfinite(rays) & (np.abs(rays) < MAX_RAY), axis=1)
+        sound = np.array([is_sound(row) for row in rows])
+        self._counts["rows_unsound"] += int((~sound).sum())
+        usable &= sound
         self._counts["rows_without_ray"] += int((~usable).sum())
         self._counts["rows_published"] += int(usable.sum())
         return [(row, ray) for row, ray, good in zip(rows, rays, usable.tolist(), strict=True) if good]
@@ -163,6 +169,12 @@ class Pipeline:
             "messages": float(self._seq),
             "view_shifts": float(self.view.shifts),
         }
+
+
+def is_sound(row: TrackRow) -> bool:
+    """Whether a row may be published: what messages.Detection allows of sizes, scores and pixels."""
+    sizes = 0 <= row.width_px <= MAX_PIXEL and 0 <= row.height_px <= MAX_PIXEL  # false of NaN too
+    return sizes and 0 <= row.score <= 1 and abs(row.u_px) <= MAX_PIXEL and abs(row.v_px) <= MAX_PIXEL
 
 
 def total_bound_s(frame: Picture, clock_bound_s: float | None) -> float | None:

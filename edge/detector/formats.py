@@ -29,6 +29,9 @@ SizePx = tuple[int, int]
 AUTO: Final = "auto"  # in a configuration: the format is recognised
 STACK_FORMAT: Final = "skyfix"  # the shipped kind of model, skyfix.py's; and the note that such a model carries
 YOLOX_STRIDES: Final = (8, 16, 32)
+ANCHORS_A_CELL: Final = 3  # of YOLOv3, v5 and v7
+FEWEST_ANCHORS: Final = 1000  # rows: no DETR has so many queries, and no grid of a useful input so few
+SHARES_REACH: Final = 2.0  # of a picture that a box may reach to: beyond it, numbers are pixels
 IMAGENET_MEAN: Final = (0.485, 0.456, 0.406)  # RGB, what DETR backbones were trained with
 IMAGENET_STD: Final = (0.229, 0.224, 0.225)
 
@@ -50,7 +53,8 @@ class ModelFormat:
     fits: whether a model with an input of so many pixels (width, height) can be of it. decode: outputs of one image,
     input size and least score to Candidates. one_column_a_class: whether the outputs say how many classes there are.
     suppressed: whether the model itself keeps one box an object. rgb: the order of its colours, else BGR.
-    input_max: what 255 becomes. standardised: whether ImageNet's mean and deviation are taken off.
+    input_max: what 255 becomes. standardised: whether ImageNet's mean and deviation are taken off. denies: why outputs
+    of a trial picture cannot be of it; empty if they can (what every format's boxes obey, trial.py knows).
     """
 
     name: str
@@ -61,17 +65,27 @@ class ModelFormat:
     rgb: bool = True
     input_max: float = 1.0
     standardised: bool = False
+    denies: Callable[[Outputs, SizePx], str] = lambda outputs, input_px: ""
 
 
-def recognise(model: "Model", input_px: SizePx) -> ModelFormat:
-    """The one format that a model's outputs can be. input_px: width, height. Raises ModelError if there are several."""
-    fitting = [kind for kind in MODEL_FORMATS.values() if kind.fits(model, input_px)]
-    if len(fitting) == 1:
-        return fitting[0]
+def fitting(model: "Model", input_px: SizePx) -> list[ModelFormat]:
+    """The formats that a model's shapes, names and notes allow. Raises ModelError if it is no detection model."""
+    task = model.notes.get("task", "detect")
+    if task != "detect":
+        action = "export a detection model: in Ultralytics one without -seg, -pose, -obb or -cls"
+        raise ModelError(f"is a model for {task}, not for detection", where=model.path, action=action)
+    return [kind for kind in MODEL_FORMATS.values() if kind.fits(model, input_px)]
+
+
+def one_of(model: "Model", formats: list[ModelFormat], denied: dict[str, str]) -> ModelFormat:
+    """The one format of several. denied: why others are not it. Raises ModelError if there are more, or none."""
+    if len(formats) == 1:
+        return formats[0]
     shapes = [port.shape for port in model.outputs]
     known = class_names_in(model)
     named = "" if known is None else f" and {known} class names"
-    readings = f"can be read as {' or '.join(kind.name for kind in fitting)}" if fitting else "are no known format"
+    named += "".join(f", as {name} {why}" for name, why in denied.items())
+    readings = f"can be read as {' or '.join(kind.name for kind in formats)}" if formats else "are no known format"
     raise ModelError(f"has outputs of shapes {shapes}{named}, which {readings}", where=model.path, action=_choice())
 
 
@@ -91,6 +105,22 @@ def _fits_yolov8(model: "Model", input_px: SizePx) -> bool:
     if rows is None or rows < 5 or (columns is not None and columns <= rows):
         return False
     return class_names_in(model) in (None, rows - 4)
+
+
+def _fits_yolov5(model: "Model", input_px: SizePx) -> bool:
+    """Three anchors a cell, whatever the strides: v3, v5, v7, their tiny and their P6 forms."""
+    rows, columns = _one_output(model) or (None, None)
+    if columns is None or columns < 6 or rows is None or rows < FEWEST_ANCHORS or rows % ANCHORS_A_CELL:
+        return False
+    return rows != _cells(input_px) and class_names_in(model) in (None, columns - 5)
+
+
+def _fits_rtdetr(model: "Model", input_px: SizePx) -> bool:
+    """A few hundred queries, fewer than any grid has cells."""
+    rows, columns = _one_output(model) or (None, None)
+    if columns is None or columns < 5 or rows is None or not columns < rows < FEWEST_ANCHORS:
+        return False
+    return class_names_in(model) in (None, columns - 4)
 
 
 def _fits_yolox(model: "Model", input_px: SizePx) -> bool:
@@ -114,6 +144,35 @@ def _fits_labels_boxes_scores(model: "Model", input_px: SizePx) -> bool:
     return sorted(len(port.shape) for port in model.outputs) == [2, 2, 3]
 
 
+def _denies_end_to_end(outputs: Outputs, input_px: SizePx) -> str:
+    label = outputs[0][0][:, 5]
+    return "" if np.all(np.isfinite(label)) and np.all(label == np.rint(label)) else "classes that are no whole numbers"
+
+
+def _denies_rtdetr(outputs: Outputs, input_px: SizePx) -> str:
+    return "rows of zeros" if np.any(np.all(outputs[0][0] == 0, axis=1)) else ""
+
+
+def _denies_yolov6(outputs: Outputs, input_px: SizePx) -> str:
+    return "" if np.all(outputs[0][0][:, 4] == 1.0) else "an objectness that is not 1"
+
+
+def _denies_yolox_decoded(outputs: Outputs, input_px: SizePx) -> str:
+    return "an objectness of 1 everywhere" if np.all(outputs[0][0][:, 4] == 1.0) else ""
+
+
+def _denies_detr(outputs: Outputs, input_px: SizePx) -> str:
+    boxes = outputs[0] if outputs[0].shape[2] == 4 else outputs[1]
+    return "boxes far beyond shares of the picture" if float(np.abs(boxes).max(initial=0.0)) > SHARES_REACH else ""
+
+
+def _denies_yolo_nas(outputs: Outputs, input_px: SizePx) -> str:
+    boxes, scores = _boxes_and_classes(outputs)
+    if float(np.abs(boxes).max(initial=0.0)) <= SHARES_REACH:
+        return "all boxes within one pixel"
+    return "" if float(scores.min(initial=0.0)) >= 0 and float(scores.max(initial=0.0)) <= 1 else "scores beyond 0 to 1"
+
+
 def _cells(input_px: SizePx) -> int:
     """How many boxes a grid of YOLOX's strides has."""
     return sum((input_px[0] // stride) * (input_px[1] // stride) for stride in YOLOX_STRIDES)
@@ -125,6 +184,10 @@ def class_names_in(model: "Model") -> int | None:
     return len(names) if names else None
 
 
+def _boxes_and_classes(outputs: Outputs) -> tuple[NDArray[Any], NDArray[Any]]:
+    return (outputs[0], outputs[1]) if outputs[0].shape[2] == 4 else (outputs[1], outputs[0])
+
+
 def read_class_names(model: "Model") -> tuple[str, ...]:
     """The class names that the model's author wrote into it, as Ultralytics does; empty if there are none."""
     try:
@@ -132,7 +195,15 @@ def read_class_names(model: "Model") -> tuple[str, ...]:
     except (ValueError, SyntaxError) as error:
         action = "set detector.class_names"
         raise ModelError(f"its note of class names is garbled ({error})", where=model.path, action=action) from error
-    return tuple(str(names[key]) for key in sorted(names)) if isinstance(names, dict) else tuple(map(str, names))
+    if names is None or isinstance(names, int | float):
+        return ()  # exporters that knew no names wrote None, or how many there are
+    if isinstance(names, str):
+        return (names,)
+    try:
+        return tuple(str(names[key]) for key in sorted(names)) if isinstance(names, dict) else tuple(map(str, names))
+    except TypeError as error:
+        action = "set detector.class_names"
+        raise ModelError(f"its note of class names is garbled ({error})", where=model.path, action=action) from error
 
 
 def decode_yolov8(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
@@ -148,6 +219,33 @@ def decode_end_to_end(outputs: Outputs, input_px: SizePx, score_min: float) -> C
     table = outputs[0][0].astype(np.float64)
     table = table[table[:, 4] >= score_min]
     return _from_corners(table[:, :4], table[:, 4], _whole(table[:, 5]))
+
+
+def decode_yolov5(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
+    """`[1, N, 5 + nc]`: centre and size in input pixels, objectness, class scores (YOLOv3, v5, v6, v7)."""
+    table = outputs[0][0]
+    score = table[:, 4] * table[:, 5:].max(axis=1)
+    table = table[score >= score_min].astype(np.float64)
+    classes = table[:, 4:5] * table[:, 5:]
+    return Candidates(table[:, :2], table[:, 2:4], classes.max(axis=1, initial=0.0), classes)
+
+
+def decode_rtdetr(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
+    """`[1, N, 4 + nc]`: centre and size as shares of the input, class scores (RT-DETR as Ultralytics exports it)."""
+    table = outputs[0][0]
+    table = table[table[:, 4:].max(axis=1) >= score_min].astype(np.float64)
+    boxes = table[:, :4] * (*input_px, *input_px)
+    return Candidates(boxes[:, :2], boxes[:, 2:], table[:, 4:].max(axis=1, initial=0.0), table[:, 4:])
+
+
+def decode_yolo_nas(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
+    """Corners `[1, N, 4]` in input pixels and class scores `[1, N, nc]` (YOLO-NAS)."""
+    boxes, classes = _boxes_and_classes(outputs)
+    score = classes[0].max(axis=1)
+    keep = score >= score_min
+    corners, chosen = boxes[0][keep].astype(np.float64), classes[0][keep].astype(np.float64)
+    low, high = corners[:, :2], corners[:, 2:]
+    return Candidates((low + high) / 2, high - low, score[keep].astype(np.float64), chosen)
 
 
 def decode_yolox(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
@@ -210,10 +308,33 @@ MODEL_FORMATS: Final[dict[str, ModelFormat]] = {
     kind.name: kind
     for kind in (
         ModelFormat("yolov8", _fits_yolov8, decode_yolov8, one_column_a_class=True),
-        ModelFormat("end_to_end", _fits_end_to_end, decode_end_to_end, suppressed=True),
+        ModelFormat("yolov5", _fits_yolov5, decode_yolov5, one_column_a_class=True),
+        ModelFormat("yolov6", _fits_yolox, decode_yolov5, one_column_a_class=True, denies=_denies_yolov6),
+        ModelFormat("end_to_end", _fits_end_to_end, decode_end_to_end, suppressed=True, denies=_denies_end_to_end),
+        ModelFormat(
+            "rtdetr", _fits_rtdetr, decode_rtdetr, one_column_a_class=True, suppressed=True, denies=_denies_rtdetr
+        ),
+        ModelFormat("yolo_nas", _fits_detr, decode_yolo_nas, one_column_a_class=True, denies=_denies_yolo_nas),
         # YOLOX alone was trained on BGR, and on 0 to 255.
         ModelFormat("yolox", _fits_yolox, decode_yolox, one_column_a_class=True, rgb=False, input_max=255.0),
-        ModelFormat("detr", _fits_detr, decode_detr, one_column_a_class=True, suppressed=True, standardised=True),
+        ModelFormat(
+            "yolox_decoded",
+            _fits_yolox,
+            decode_yolov5,
+            one_column_a_class=True,
+            rgb=False,
+            input_max=255.0,
+            denies=_denies_yolox_decoded,
+        ),
+        ModelFormat(
+            "detr",
+            _fits_detr,
+            decode_detr,
+            one_column_a_class=True,
+            suppressed=True,
+            standardised=True,
+            denies=_denies_detr,
+        ),
         ModelFormat("labels_boxes_scores", _fits_labels_boxes_scores, decode_labels_boxes_scores, suppressed=True),
     )
 }

@@ -22,12 +22,15 @@ from edge.detector.formats import (
     IMAGENET_STD,
     MODEL_FORMATS,
     Candidates,
+    ModelFormat,
+    fitting,
+    one_of,
     read_class_names,
-    recognise,
 )
 from edge.detector.letterbox import Letterbox
 from edge.detector.nms import suppress
 from edge.detector.session import DTYPES, Model
+from edge.detector.trial import contradiction, trial_picture
 
 TILE_OVERLAP: Final = 0.2  # share of a tile: an object up to a fifth of it is whole in some tile
 TRACK_SCORE: Final = 0.3  # models differ: little more than detector.score_min, and gate.score_confirm for the rest
@@ -88,15 +91,42 @@ class FullFrame:
         self._model = model
         self._config = config
         self._input = input_spec(model, config.input_size_px)
-        named = config.format != AUTO
-        self._format = MODEL_FORMATS[config.format] if named else recognise(model, self._input.size_px)
         self._targets_input = next((port.name for port in model.inputs[1:]), None)
         self.colour = self._input.channels == 3
         self.remembers = False
         self.track_score = TRACK_SCORE
         self.class_names = config.class_names or read_class_names(model)
         self._frames = 0
+        self._format = self._choose()
         self._check_by_running()
+
+    def _choose(self) -> ModelFormat:
+        """The format that shapes allow and a run on a trial picture does not contradict. Raises ModelError."""
+        if self._config.format != AUTO:
+            kind = MODEL_FORMATS[self._config.format]
+            if why := self._denied(kind):
+                action = "leave detector.format out, or name another"
+                raise ModelError(f"as {kind.name} it gives {why}", where=self._model.path, action=action)
+            return kind
+        left, denied = [], {}
+        for kind in fitting(self._model, self._input.size_px):
+            if why := self._denied(kind):
+                denied[kind.name] = why
+            else:
+                left.append(kind)
+        return one_of(self._model, left, denied)
+
+    def _denied(self, kind: ModelFormat) -> str:
+        """Why the model's answer to a trial picture is not of a format; empty if it may be."""
+        self._format = kind
+        outputs = self._outputs(trial_picture(self._input.size_px, 3 if self.colour else 1))
+        try:
+            found = self._decoded(outputs, 0.0)
+        except ModelError:
+            if self._config.format != AUTO:
+                raise
+            return "shapes of another"
+        return kind.denies(outputs, self._input.size_px) or contradiction(found, self._input.size_px)
 
     def _check_by_running(self) -> None:
         """Run once on grey, so that a wrong shape is found at the start and not in flight."""
@@ -139,21 +169,32 @@ class FullFrame:
             _widen(found.classes, len(self.class_names)),
         )
 
-    def _candidates(self, image: Image) -> Candidates:
+    def _outputs(self, image: Image) -> list[NDArray[Any]]:
         feeds: dict[str, NDArray[Any]] = {self._input.name: self._tensor(image)}
         if self._targets_input is not None:  # asked for the size its boxes are to be scaled to
             feeds[self._targets_input] = np.array([self._input.size_px], dtype=np.int64)
         outputs = self._model.run(feeds)
         if any(output.shape[0] != 1 for output in outputs):
             raise ModelError("answers one image with several", where=self._model.path, action=_EXPORT)
+        return outputs
+
+    def _decoded(self, outputs: list[NDArray[Any]], score_min: float) -> Candidates:
         try:
-            found = self._format.decode(outputs, self._input.size_px, self._config.score_min)
+            return self._format.decode(outputs, self._input.size_px, score_min)
         except (IndexError, ValueError, StopIteration) as error:
             shapes = [output.shape for output in outputs]
             raise ModelError(
                 f"outputs {shapes} are not {self._format.name}", where=self._model.path, action=_EXPORT
             ) from error
-        finite = np.isfinite(found.centre).all(axis=1) & np.isfinite(found.size).all(axis=1) & np.isfinite(found.score)
+
+    def _candidates(self, image: Image) -> Candidates:
+        found = self._decoded(self._outputs(image), self._config.score_min)
+        finite = (
+            (found.size > 0).all(axis=1)
+            & np.isfinite(found.centre).all(axis=1)
+            & np.isfinite(found.size).all(axis=1)
+            & np.isfinite(found.score)
+        )
         return found if finite.all() else _pick(found, np.flatnonzero(finite))
 
     def _tensor(self, image: Image) -> NDArray[Any]:

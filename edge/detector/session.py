@@ -6,6 +6,7 @@ side by side instead.
 """
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 from edge.common.errors import ModelError
 
 DTYPES: Final = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
+ANOTHER_OPSET: Final = "export it again as ONNX, opset 21 or lower"
+FIRST_LINE: Final = 400  # characters of what the library says: a path is in it
 _ERRORS_ONLY: Final = 3  # ONNX Runtime's log level
 
 
@@ -90,10 +93,36 @@ def open_model(path: Path | str, threads: int = 1) -> Model:
     try:
         session = ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except _ORT_ERRORS as error:
-        action = "export it again as ONNX, opset 21 or lower"
-        raise ModelError(f"is no model that loads ({_first_line(error)})", where=str(path), action=action) from error
+        what = f"is no model that loads ({_first_line(error)})"
+        raise ModelError(what, where=str(path), action=_remedy(Path(path), str(error))) from error
     notes = dict(session.get_modelmeta().custom_metadata_map)
     return Model(str(path), session, _ports(session.get_inputs()), _ports(session.get_outputs()), notes)
+
+
+def _remedy(path: Path, error: str) -> str:
+    """What helps, by how the file begins and by what the library says of it."""
+    with path.open("rb") as file:
+        head = file.read(64)
+    external = re.search(r'[^\s"\[\]]+\.data\b|[^\s"\[\]]+\.bin\b', error)
+    remedies = (
+        (not head, "the file is empty: copy it again"),
+        (
+            head.startswith(b"version https://git-lfs"),
+            "it is a pointer of Git LFS: git lfs pull",
+        ),
+        (head.startswith((b"PK\x03\x04", b"\x80")), "it is a PyTorch file: export it as ONNX"),
+        (external is not None, f"its weights lie beside it: put {external and Path(external[0]).name} in its folder"),
+        (
+            "opset" in error or "IR version" in error or "ir_version" in error,
+            "export it again as ONNX, opset 21 or lower",
+        ),
+        ("not a registered function" in error, "export it again without operators of TensorRT or another runtime"),
+        (
+            "Protobuf" in error or "protobuf" in error,
+            "it is cut off or no ONNX file: fetch it again or export it again",
+        ),
+    )
+    return next((remedy for holds, remedy in remedies if holds), ANOTHER_OPSET)
 
 
 def _ports(nodes: list[Any]) -> tuple[ModelTensor, ...]:
@@ -104,4 +133,4 @@ def _ports(nodes: list[Any]) -> tuple[ModelTensor, ...]:
 
 
 def _first_line(error: BaseException) -> str:
-    return str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
+    return str(error).strip().splitlines()[0][:FIRST_LINE] if str(error).strip() else type(error).__name__
