@@ -47,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
         description="The camera box: what its cameras see becomes timestamped pixel tracks on the network.",
         epilog="exit codes: 0 done, 1 it could not be done, 2 wrong usage or configuration",
     )
-    parser.add_argument("--version", action="version", version=f"edge-node {__version__}")
+    parser.add_argument("--version", action="version", version=f"%(prog)s (skyfix) {__version__}")
     commands = parser.add_subparsers(required=True, metavar="run|check|lens")
     _add_run(commands)
     _add_check(commands)

@@ -66,7 +66,7 @@ def build_parser(*chosen: str) -> argparse.ArgumentParser:
         description="The field computer: calibrates the cameras from what they see, and says where objects are.",
         epilog="Exit codes: 0 done, 1 it could not be done (see stderr), 2 wrong usage or configuration.",
     )
-    parser.add_argument("--version", action="version", version=f"skyfix {__version__}")
+    parser.add_argument("--version", action="version", version=f"%(prog)s (skyfix) {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, purpose in COMMANDS.items():
         command = commands.add_parser(name, help=purpose, description=purpose[0].upper() + purpose[1:] + ".")

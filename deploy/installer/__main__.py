@@ -60,15 +60,17 @@ def install(wanted: argparse.Namespace, places: Places, versions: Versions, tree
     asleep = role.name in had and services.booted() and not services.enabled(role.unit)
     wakes = services.booted() and not wanted.no_start and not asleep
 
-    def prepare() -> None:
+    def prepare() -> bool:
         carried = None
         if part is not None:
             carried = site_part.configuration_of(part, role, places.config)
             site_part.lay_part(part, role, places.config)
-        configuration.lay_configuration(places.config, places.prefix / "current/deploy", role, vars(wanted), carried)
+        deploy = places.prefix / "current/deploy"
+        written = configuration.lay_configuration(places.config, deploy, role, vars(wanted), carried)
         if wakes:
             services.control("--quiet", "enable", f"{role.unit}.service", "skyfix-access.path")
             services.control("restart", "skyfix-access.path")
+        return written or part is not None
 
     try:
         faults = changeover.change(

@@ -6,7 +6,7 @@ The way back is the same way: what ran before is started, whatever became of it 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NoReturn
 
 from . import machine, services
 from .places import ROLES, Places
@@ -31,11 +31,11 @@ class Machine:
         machine.lay_units(self.places, version, instead_of)
 
 
-def change(here: Machine, target: Path, wanted: list[str], prepare: Callable[[], None]) -> dict[str, str]:
+def change(here: Machine, target: Path, wanted: list[str], prepare: Callable[[], bool]) -> dict[str, str]:
     """Make a version the current one, with what ran before and what is wanted; faults of units that were not running.
 
-    prepare: what the new version needs beside it, once it is current. Raises RefusedError, with all as it was, if what
-    ran before does not come up.
+    prepare: what the new version needs beside it, once it is current; whether anything of it is new. Raises
+    RefusedError, with all as it was, if what ran before does not come up.
     """
     versions = here.versions
     ran = services.running() if services.booted() else []
@@ -46,24 +46,38 @@ def change(here: Machine, target: Path, wanted: list[str], prepare: Callable[[],
     if before not in (None, target) and versions.came_up(before):
         versions.remember(before)  # now, for the power may fail before the end
     here.enter(target, was)
-    prepare()
+    is_new = prepare()
     if not services.booted():
         return {}
     upgraded = was not in (None, target)
-    faults = _start([*ran, *wanted], here.watched_s if ran and upgraded else GLANCE_S)
+    # What runs already as it should is left alone: whoever only asks for the time loses no second of a flight.
+    left = ran if was == target and not is_new and not dying else []
+    units = [unit for unit in (*ran, *wanted) if unit not in left]
+    faults = _start(units, here.watched_s if ran and upgraded else GLANCE_S)
     lost = {unit: why for unit, why in faults.items() if unit in ran}
     if lost and before is not None and upgraded:
-        _go_back(here, before, target, lost)
-        still = _start(ran, GLANCE_S)
-        versions.remember(older if older not in (target, before) else None)
-        if still:
-            raise RefusedError(_reasons(still), f"{target.name} was not kept, and {before.name} does not run either")
-        raise RefusedError(f"{target.name} was not kept", f"{before.name} runs as before")
+        _put_back(here, before, older, target, {unit: lost.get(unit, "") for unit in ran})
     if not faults and (ran or wanted):
         versions.mark(target)
     if versions.previous == target:
         versions.remember(before if versions.came_up(before) and before != target else None)
     return faults
+
+
+def _put_back(here: Machine, before: Path, older: Path | None, failed: Path, ran: dict[str, str]) -> NoReturn:
+    """What ran before runs again, or the one before that if it kept dying. ran: why each does not now; RefusedError."""
+    for unit, why in ran.items():
+        if not why:
+            continue
+        warn(f"{unit} of {failed.name} {why}; its last words:")
+        print(services.journal(unit), flush=True)
+    say(f"going back to {before.name}")
+    here.enter(before, failed)
+    still = _start([*ran], GLANCE_S)
+    here.versions.remember(older if older not in (failed, before) else None)
+    if still:
+        raise RefusedError(_reasons(still), f"{failed.name} was not kept, and {before.name} does not run either")
+    raise RefusedError(f"{failed.name} was not kept", f"{before.name} runs as before")
 
 
 def _in_force(versions: Versions, ran: list[str]) -> Path | None:
@@ -105,14 +119,6 @@ def _start(units: list[str], watched_s: float) -> dict[str, str]:
     return faults
 
 
-def _go_back(here: Machine, before: Path, failed: Path, lost: dict[str, str]) -> None:
-    for unit, why in lost.items():
-        warn(f"{unit} of {failed.name} {why}; its last words:")
-        print(services.journal(unit), flush=True)
-    say(f"going back to {before.name}")
-    here.enter(before, failed)
-
-
 def _reasons(faults: dict[str, str]) -> str:
     return "; ".join(f"{unit} {why}" for unit, why in faults.items())
 
@@ -130,7 +136,7 @@ def roll_back(here: Machine) -> None:
     if needed - has:
         raise RefusedError(f"{last.name} has no {', '.join(sorted(needed - has))}", "nothing was changed")
     failed = [unit for unit in _wanted() if unit not in services.running()]
-    faults = change(here, last, failed, lambda: None)
+    faults = change(here, last, failed, lambda: True)
     if faults:
         raise RefusedError(_reasons(faults), "read: journalctl -u " + next(iter(faults)))
     say(f"the current version is {last.name}")

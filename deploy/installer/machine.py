@@ -4,6 +4,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ BACK_OFF_SINCE: Final = 254  # systemd's version; older ones know the words not
 BACK_OFF: Final = "[Service]\nRestartSteps=6\nRestartMaxDelaySec=60\n"
 UDEV: Final = "udev/rules.d/70-skyfix.rules"
 SYSCTL: Final = "sysctl.d/60-skyfix.conf"
+SETTINGS_BEFORE: Final = ".settings-before"
 
 
 @contextlib.contextmanager
@@ -89,6 +91,7 @@ def lay_units(places: Places, version: Path, before: Path | None) -> None:
     for name in units:
         _lay(version / "systemd" / name, places.units / name)
     _lay(version / "deploy/udev/70-skyfix.rules", places.etc(UDEV))
+    _remember_settings(places, version / "deploy/sysctl/60-skyfix.conf")
     _lay(version / "deploy/sysctl/60-skyfix.conf", places.etc(SYSCTL))
     _name_commands(places)
     if services.booted():
@@ -98,6 +101,30 @@ def lay_units(places: Places, version: Path, before: Path | None) -> None:
         if Path("/run/udev/control").exists():
             _quietly("udevadm", "control", "--reload")
             _quietly("udevadm", "trigger")
+
+
+def _remember_settings(places: Places, ours: Path) -> None:
+    """What the kernel had before ours, once: it is what it gets back."""
+    kept = places.prefix / SETTINGS_BEFORE
+    if kept.exists() or places.etc(SYSCTL).exists():
+        return
+    lines = []
+    for name in re.findall(r"^(\S+) =", ours.read_text(), re.MULTILINE):
+        with contextlib.suppress(OSError):
+            lines.append(f"{name} = {_setting(name).read_text().strip()}\n")
+    kept.write_text("".join(lines))
+
+
+def _restore_settings(places: Places) -> None:
+    """What ours had changed is as before at once, not only after the next start."""
+    kept = places.prefix / SETTINGS_BEFORE
+    for name, value in re.findall(r"^(\S+) = (.+)$", kept.read_text() if kept.exists() else "", re.MULTILINE):
+        with contextlib.suppress(OSError):  # a container may not
+            _setting(name).write_text(value)
+
+
+def _setting(name: str) -> Path:
+    return Path("/proc/sys") / name.replace(".", "/")
 
 
 def _lay(source: Path, target: Path) -> None:
@@ -150,6 +177,7 @@ def uninstall(places: Places, *, purge: bool) -> None:
         with contextlib.suppress(OSError):
             (places.units / f"{unit}.service.d").rmdir()  # what an administrator added there stays
     site_time.take_back(places)
+    _restore_settings(places)
     for name in (UDEV, SYSCTL):
         places.etc(name).unlink(missing_ok=True)
     for name in PROGRAMS:

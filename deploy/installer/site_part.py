@@ -6,9 +6,13 @@ box takes its own. A part is a folder: ROLE.toml, the files that stand beside it
 """
 
 import argparse
+import contextlib
+import errno
+import ipaddress
 import os
 import re
 import shutil
+import socket
 import subprocess
 import tomllib
 from pathlib import Path
@@ -17,7 +21,7 @@ from typing import Any, Final
 from .configuration import PORT, write
 from .machine import USER
 from .places import ROLES, Role
-from .telling import RefusedError, say
+from .telling import RefusedError, say, warn
 
 PEMS: Final = ("authority.pem", "certificate.pem", "key.pem")
 BESIDE: Final = {"edge": "*.lens.toml", "base": "survey.toml"}  # the configuration, and with it
@@ -67,6 +71,8 @@ def part_of(wanted: argparse.Namespace, role: Role, config: Path, version: Path)
         told = (done.stderr or done.stdout).strip().splitlines()[-1:]
         raise RefusedError(f"the site could not be made: {' '.join(told)}", "nothing was changed", done.returncode)
     _give_to_whoever_typed(folder)
+    if not _is_here(wanted.base):
+        warn(f"{wanted.base} is no address of this machine now: boxes dial that, and it stands in its certificate")
     boxes = " ".join(str(box.parent) for box in sorted(folder.glob("*/edge.toml")))
     say(
         f"made {folder.resolve()}; carry to each box its own folder ({boxes}), and there: install.sh edge --from FOLDER"
@@ -80,7 +86,21 @@ def _give_to_whoever_typed(folder: Path) -> None:
     user, group = os.environ.get("SUDO_UID", ""), os.environ.get("SUDO_GID", "")
     if user.isdigit() and group.isdigit():
         for path in (folder, *folder.rglob("*")):
-            os.chown(path, int(user), int(group), follow_symlinks=False)
+            with contextlib.suppress(PermissionError):  # a stick knows no owners
+                os.chown(path, int(user), int(group), follow_symlinks=False)
+
+
+def _is_here(address: str) -> bool:
+    """Whether an address is one of this machine's; a name is believed."""
+    try:
+        family = socket.AF_INET6 if ipaddress.ip_address(address).version == 6 else socket.AF_INET
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.bind((address, 0))
+    except ValueError:
+        return True
+    except OSError as error:
+        return error.errno != errno.EADDRNOTAVAIL
+    return True
 
 
 def lay_part(part: Path, role: Role, config: Path) -> None:

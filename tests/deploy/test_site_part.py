@@ -1,7 +1,9 @@
 """A machine's part of a site, made with the base and carried to each box, is what each program then reads."""
 
 import argparse
+import os
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 
@@ -14,9 +16,10 @@ from deploy.installer.places import ROLES
 from deploy.installer.telling import RefusedError
 from edge.common import settings
 from edge.config import BoxConfig
-from tests.places import DEPLOY
+from tests.places import DEPLOY, ROOT
 
-EDGE, BASE, ROUTER = ROLES["edge"], ROLES["base"], ROLES["router"]
+EDGE, BASE = ROLES["edge"], ROLES["base"]
+BEGIN = "from calib.station.app import main\nsys.exit(main())\n"
 
 
 @pytest.fixture(autouse=True)
@@ -128,6 +131,32 @@ def test_a_site_is_not_made_twice(site: Path, etc: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(site.parent)
     with pytest.raises(RefusedError, match="is there already; give --from hill"):
         laid("base --site hill --cameras 3 --base 192.168.7.1", etc)
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "base.local", "203.0.113.77", "2001:db8::77"])
+def test_a_new_site_is_made_by_the_version_that_was_laid(
+    address: str, tmp_path: Path, etc: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "version/bin").mkdir(parents=True)
+    program = tmp_path / "version/bin/base-station"
+    program.write_text(f"#!{sys.executable}\nimport sys\nsys.path.insert(0, {str(ROOT)!r})\n{BEGIN}")
+    program.chmod(0o755)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SUDO_UID", str(os.getuid()))
+    monkeypatch.setenv("SUDO_GID", str(os.getgid()))
+    wanted = words.parse(["base", "--site", "valley", "--cameras", "4", "--base", address])
+    part = site_part.part_of(wanted, BASE, etc, tmp_path / "version")
+    assert part == Path("valley")
+    assert sorted(folder.name for folder in part.glob("cam*")) == ["cam0", "cam1", "cam2", "cam3"]
+    told = capfd.readouterr()
+    assert "(valley/cam0 valley/cam1 valley/cam2 valley/cam3)" in told.out
+    elsewhere = address in ("203.0.113.77", "2001:db8::77")
+    assert ("is no address of this machine now" in told.err) == elsewhere
+
+
+def test_a_base_that_boxes_dial_needs_a_name_of_its_site(etc: Path) -> None:
+    with pytest.raises(RefusedError, match="give --site NAME as well"):
+        site_part.part_of(words.parse(["base", "--base", "10.0.0.1"]), BASE, etc, Path("/nowhere"))
 
 
 def test_an_upgrade_by_the_same_line_makes_nothing(site: Path, etc: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,9 @@ from tools.rehearsal.life import Life, lived
 from tools.rehearsal.machine import CannotBoot
 from tools.rehearsal.whole import ASKED, whole
 
-pytestmark = pytest.mark.program("systemd-nspawn", "mmdebstrap", "setpriv", "nsenter", "ip", "ssh-keygen")
+pytestmark = pytest.mark.program(
+    "systemd-nspawn", "mmdebstrap", "setpriv", "nsenter", "ip", "ssh-keygen", "ptp4l", "pmc"
+)
 
 
 @pytest.fixture(scope="module")

@@ -120,6 +120,24 @@ def test_a_base_never_imports_what_only_a_box_has(installed: Installed) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_a_router_imports_neither_what_a_box_has_nor_what_a_base_has(installed: Installed) -> None:
+    absent = [
+        "cv2",
+        "onnxruntime",
+        "scipy",
+        "pymavlink",
+        "pymap3d",
+        "mcap",
+        "matplotlib",
+        "prometheus_client",
+        "nicegui",
+    ]
+    script = BLOCKED.partition("import {package}")[0] + "from calib.station.app import main\nmain(['router', '--help'])"
+    done = installed.run("python", "-c", script.format(absent=absent))
+    assert done.returncode == 0, done.stderr
+    assert "router.toml" in done.stdout
+
+
 def test_a_box_never_imports_what_only_a_base_has(installed: Installed) -> None:
     absent = ["scipy", "pymavlink", "pymap3d", "mcap", "matplotlib", "prometheus_client", "nicegui", "calib"]
     done = installed.run("python", "-c", BLOCKED.format(absent=absent, package="edge", needing=[]))

@@ -61,7 +61,7 @@ class Field:
 @contextmanager
 def boxes(life: Life) -> Iterator[Field]:
     """Three bare machines on the base's network; their videos are being rendered."""
-    render = [sys.executable, "-m", "tools.render", str(SCENE), "-o", str(life.bundles / "footage")]
+    render = ["nice", sys.executable, "-m", "tools.render", str(SCENE), "-o", str(life.bundles / "footage")]
     with ExitStack() as stack, subprocess.Popen(render, cwd=ROOT, stdout=subprocess.DEVNULL) as rendering:
         stack.callback(rendering.kill)
         there = Field(life, rendering)

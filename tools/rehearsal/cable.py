@@ -6,7 +6,7 @@ from typing import Final
 
 from tools.rehearsal.machine import Machine
 
-FIELD: Final = "field0"  # the name of the interface on every machine
+FIELD: Final = "eth0"  # the name of the interface on every machine
 PREFIX: Final = 24
 
 

@@ -36,13 +36,16 @@ class Finding:
 
 @dataclass
 class Life:
-    """A machine's, and what was found in it. bundles: a folder to work in; bare: the Debian to boot others from."""
+    """A machine's, and what was found in it. bundles: a folder to work in; bare: the Debian to boot others from;
+    told: what all installations said.
+    """
 
     machine: Machine
     bundles: Path
     built: Path
     bare: Path
     findings: list[Finding] = field(default_factory=list)
+    told: str = ""
     _since_s: float = field(default_factory=time.monotonic)
 
     def note(self, name: str, came_true: bool, found: object = "") -> None:
@@ -51,7 +54,7 @@ class Life:
         finding = Finding(name, bool(came_true), str(found).strip(), now_s - self._since_s)
         self.findings.append(finding)
         self._since_s = now_s
-        print(f"{'ok  ' if came_true else 'FAIL'} {finding.took_s:6.1f} s  {name}: {finding.found[-400:]}", flush=True)
+        print(f"{'ok  ' if came_true else 'FAIL'} {finding.took_s:6.1f} s  {name}: {finding.found[-600:]}", flush=True)
 
     def found(self, name: str) -> Finding:
         """What was found under a name."""
@@ -74,6 +77,7 @@ class Life:
         folder = self.bring(version, fault)
         done = self.machine.run(f"{folder}/install.sh {words}", timeout_s=900)
         shutil.rmtree(self.machine.root / folder.lstrip("/"))
+        self.told += done.stdout + done.stderr
         return done
 
     def last_words(self) -> str:

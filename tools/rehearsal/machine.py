@@ -23,8 +23,23 @@ CLEAN: Final = (
 )
 
 
+ROOM_MB: Final = 10_000  # of memory that is free: four machines take 5 GB of it
+DISK_MB: Final = 6_000  # of one machine
+
+
 class CannotBoot(Exception):  # noqa: N818 -- a state of this computer
     """No machine can be booted on this computer; with what was said."""
+
+
+def _free_mb() -> int:
+    lines = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+    return int(lines["MemAvailable"].split()[0]) // 1024
+
+
+def _mounted(folder: Path) -> bool:
+    """A disk in memory, where one can be had: what is written, synced and removed there waits for nobody's disk."""
+    words = ["mount", "-t", "tmpfs", "-o", f"size={DISK_MB}M,mode=755", "none", str(folder)]
+    return subprocess.run(words, capture_output=True, check=False).returncode == 0
 
 
 class Machine:
@@ -34,6 +49,7 @@ class Machine:
         """programs_mb: how large the disk of /opt is, for one that can be filled; 0 for this computer's own."""
         self._more = [f"--tmpfs=/opt:mode=755,size={programs_mb}M"] if programs_mb else []
         self._folder = Path(tempfile.mkdtemp(prefix=f"{name}-"))
+        self._in_memory = _free_mb() > ROOM_MB and _mounted(self._folder)
         self.root = self._folder / "root"
         self._said = self._folder / "console"
         subprocess.run(["cp", "-a", "--reflink=auto", str(bare), str(self.root)], check=True)
@@ -53,6 +69,8 @@ class Machine:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.power_off()
+        if self._in_memory:
+            subprocess.run(["umount", "--lazy", str(self._folder)], check=False)
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def boot(self) -> None:

@@ -138,8 +138,9 @@ def _gone(life: Life) -> None:
     machine, apt = life.machine, "DEBIAN_FRONTEND=noninteractive apt-get -q --yes"
     done = machine.run(f"{apt} remove skyfix-base skyfix-box skyfix-common 2>&1")
     left = machine.ask("ls /etc/skyfix/base.toml; ls -d /usr/lib/skyfix-* /usr/bin/base-station 2>/dev/null")
-    fine = done.returncode == 0 and left == "/etc/skyfix/base.toml"
-    life.note("removed, the configuration stays", fine, f"{left} {done.stdout[-300:]}")
+    retries = machine.ask("cat /proc/sys/net/ipv4/tcp_retries2")
+    fine = done.returncode == 0 and left == "/etc/skyfix/base.toml" and retries == "15"
+    life.note("removed, the configuration stays", fine, f"{left} {retries} {done.stdout[-300:]}")
     done = machine.run(f"{apt} purge skyfix-base skyfix-box skyfix-common 2>&1")
     left = machine.ask("ls -d /etc/skyfix /var/lib/skyfix/network.toml 2>/dev/null")
     fine = done.returncode == 0 and left == "/var/lib/skyfix/network.toml"

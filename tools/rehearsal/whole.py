@@ -11,14 +11,17 @@ from typing import Final
 
 from tools import bundle
 from tools.rehearsal import boxes as field
-from tools.rehearsal import typed
+from tools.rehearsal import ptp, typed
 from tools.rehearsal.bench import base_is_there, film
 from tools.rehearsal.boxes import BUNDLE, Field
+from tools.rehearsal.bundles import variant
 from tools.rehearsal.life import SETTLED_S, WATCH_S, Life
 from tools.rehearsal.signing import signed
 from tools.rehearsal.typed import Typist
 
 FIRST: Final = "cam0"  # the box that the pages name
+GLANCE_S: Final = 2.0  # of the version that dies later,
+DIES_AFTER_S: Final = 30.0  # so long after its start that on a busy computer it has come up before
 STOLEN: Final = "cam2"  # revoked; its successor is a box beside the base
 PAGE: Final = (
     "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8080/', timeout=60).read().decode()[:100000])"
@@ -40,6 +43,7 @@ ASKED: Final = (
     "its clock follows the base, which proves that it is the base",
     "the lines of the page about time do what they say",
     "a time that chronyd cannot have is taken back",
+    "PTP is asked under the unit, and told",
     "corrections run under their unit",
     "nobody sees the caster's password",
     "a box that was revoked is heard no more",
@@ -56,9 +60,11 @@ ASKED: Final = (
     "a stranger's bundle is refused",
     "an unsigned bundle is refused",
     "a bundle of the right signer is taken again",
+    "one that died after it was watched is no way back",
     "rollback does what the page says",
     "two versions are kept",
     "uninstall does what the page says",
+    "the kernel has its settings back",
     "it is removed without a rest",
     "every line was typed",
 )
@@ -77,12 +83,14 @@ def whole(life: Life) -> None:
         page = life.machine.ask(f'python3 -c "{PAGE}"')
         life.note("the page is served", "<html" in page and "nicegui" in page, page[:80])
         typed.time_of_site(there, typist)
+        ptp.lay(there)
+        ptp.followed(there)
         typed.corrections(there, typist)
         field.revoked(there, STOLEN)
     typed.certificates(life, typist)
     _box_beside(life)
     _refused(life)
-    signed(life)
+    _dies_later(life)
     typed.back(life, typist)
     _removed(life)
     missing = typist.untyped()
@@ -160,15 +168,35 @@ def _refused(life: Life) -> None:
     done = life.install("0.2.0", f"base --watch {WATCH_S:g}", "exit2")
     life.note("a broken version is refused", done.returncode == 1, done.stdout + done.stderr)
     life.note("what ran before runs again", life.state() == "0.1.0.2 active active", life.state())
-    left = life.machine.ask("ls /opt/skyfix")
-    life.note("the broken one is gone", "0.2.0" not in left, left)
+    left = life.machine.ask("ls /opt/skyfix").split()
+    life.note("the broken one is gone", left == ["0.1.0", "0.1.0.2", "current", "previous"], left)
     done = life.machine.run(f"/opt/skyfix/current/deploy/install.sh rollback --watch {WATCH_S:g}")
     life.note("no way back leads to it", life.state() == "0.1.0.2 active active", done.stdout + done.stderr)
+
+
+def _dies_later(life: Life) -> None:
+    """A version that came up while it was watched and died after: what comes next does not keep it to go back to."""
+    variant(life.built, life.bundles / "0.2.1", "0.2.1", "late", after_s=DIES_AFTER_S)
+    done = life.install("0.2.1", f"base --watch {GLANCE_S:g}")
+    kept = done.returncode == 0 and life.state().startswith("0.2.1 ")
+    died = life.machine.becomes(
+        "journalctl --unit=base-station | grep -q 'Failed with result'; echo $?", "0", SETTLED_S
+    )
+    signed(life)
+    told = "of 0.2.1 came up and did not stay" in life.told
+    before = life.machine.ask("basename $(readlink /opt/skyfix/previous)")
+    found = f"kept: {kept}, died: {died}, previous: {before}; {life.told[-300:]}"
+    life.note(
+        "one that died after it was watched is no way back", kept and died and told and before == "0.1.0.2", found
+    )
 
 
 def _removed(life: Life) -> None:
     """Nothing is left but what was asked to stay."""
     machine = life.machine
+    # The kernel's own: 15, as no other file of this Debian's says anything of it.
+    retries = machine.ask("cat /proc/sys/net/ipv4/tcp_retries2")
+    life.note("the kernel has its settings back", retries == "15", retries)
     done = machine.run(f"{typed.UNPACKED}/install.sh uninstall --purge")
     units = machine.ask("systemctl list-unit-files --no-legend 'edge-node*' 'base-station*' 'skyfix*'")
     left = machine.ask(
