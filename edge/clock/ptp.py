@@ -28,13 +28,16 @@ def of_ptp(answer: str) -> ClockState:
     reported = dict(re.findall(r"^\s+(\w+)\s+(\S+)\s*$", answer, flags=re.MULTILINE))
     try:
         present = reported["gmPresent"] == "true"
-        bound_s = (abs(float(reported["offsetFromMaster"])) + float(reported["meanPathDelay"]) / 2) * 1e-9 + PTP_FLOOR_S
+        offset_ns, delay_ns = float(reported["offsetFromMaster"]), float(reported["meanPathDelay"])
     except (KeyError, ValueError):
         return unknown("ptp", "ptp4l did not answer", GET_PTP)
+    bound_s = (abs(offset_ns) + delay_ns / 2) * 1e-9 + PTP_FLOOR_S
     if not math.isfinite(bound_s) or bound_s < 0:
         return unknown("ptp", "ptp4l gave no number", "restart ptp4l")
     if not present:
         return unknown("ptp", "no PTP grandmaster on this network", "check the grandmaster and the switch")
+    if offset_ns == delay_ns == 0.0:  # which no wire is: it has chosen whom to follow, and asked nothing yet
+        return unknown("ptp", "ptp4l has measured nothing yet", "wait; if it stays so, check the switch")
     return ClockState(bound_s, "ptp", True, f"PTP within {bound_s * 1e6:.3g} us of the grandmaster")
 
 

@@ -25,6 +25,7 @@ SETTINGS: Final = {
 LEADER, FOLLOWER = "cam0", "cam1"
 PAGE: Final = ROOT / "deploy/chrony/PTP.md"
 CLOCK: Final = '\n[clock]\nsource = "ptp"\n'
+MEASURED: Final = "pmc -u -b 0 'GET CURRENT_DATA_SET' | grep -c 'meanPathDelay *[1-9]'"
 # Under the unit's own sandbox and as its user, before its program: what `check` says goes to the unit's journal.
 ASKING: Final = "[Service]\nExecStartPre=-/opt/skyfix/current/bin/edge-node check --config /etc/skyfix/edge.toml\n"
 
@@ -56,6 +57,7 @@ def lay(there: Field) -> None:
 def followed(there: Field) -> None:
     """Each box's own program, under its unit, says what it knows of the other's clock."""
     told = {}
+    there.boxes[FOLLOWER].becomes(MEASURED, "1", SETTLED_S)
     for camera, said in ((FOLLOWER, "PTP within"), (LEADER, "this is the PTP grandmaster")):
         box = there.boxes[camera]
         folder = box.root / "etc/systemd/system/edge-node.service.d"

@@ -83,6 +83,14 @@ def test_ptp() -> None:
     assert of_ptp("").bound_s is None
 
 
+def test_a_grandmaster_that_was_chosen_and_not_yet_asked_bounds_nothing() -> None:
+    """ptp4l shows an offset and a delay of zero until the first answer has come."""
+    chosen = PTP.replace("offsetFromMaster -120.0", "offsetFromMaster 0.0").replace("4000.0", "0.0")
+    state = of_ptp(chosen)
+    assert (state.bound_s, state.reason) == (None, "ptp4l has measured nothing yet")
+    assert of_ptp(PTP.replace("4000.0", "0.0")).bound_s is not None
+
+
 @given(st.text(max_size=200))
 def test_whatever_a_daemon_prints(text: str) -> None:
     for state in (of_chrony(text), of_ptp(text)):
