@@ -75,6 +75,8 @@ def _put_back(here: Machine, before: Path, older: Path | None, failed: Path, ran
     here.enter(before, failed)
     still = _start([*ran], GLANCE_S)
     here.versions.remember(older if older not in (failed, before) else None)
+    if not still:
+        here.versions.mark(before)  # anew: what the unit died of meanwhile was the other version
     if still:
         raise RefusedError(_reasons(still), f"{failed.name} was not kept, and {before.name} does not run either")
     raise RefusedError(f"{failed.name} was not kept", f"{before.name} runs as before")

@@ -82,7 +82,9 @@ def failures(unit: str, within_s: float) -> int:
     """How often it failed of late, by systemd's own word in the journal; 0 where there is none."""
     words = ["journalctl", "--quiet", "--no-pager", "--output=cat", f"--unit={unit}.service", FAILED]
     try:
-        told = subprocess.run([*words, f"--since=-{within_s:.0f}s"], capture_output=True, text=True, check=False).stdout
+        told = subprocess.run(
+            [*words, f"--since=-{int(within_s * 1000)}ms"], capture_output=True, text=True, check=False
+        ).stdout
     except OSError:
         return 0
     return len(told.splitlines())

@@ -55,7 +55,7 @@ class Versions:
 
     def mark(self, folder: Path) -> None:
         """They were, just now."""
-        (folder / CAME_UP).write_text(f"{time.time():.0f}\n")
+        (folder / CAME_UP).write_text(f"{time.time():.3f}\n")
 
     def came_up_s_ago(self, folder: Path) -> float:
         """How long ago that was, s; infinite if it does not say."""

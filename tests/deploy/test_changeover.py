@@ -35,8 +35,11 @@ elif words[0] == "is-enabled":
 
 JOURNALCTL = """\
 #!{python}
-import json
-print("it failed\\n" * json.load(open("{file}"))["failures"], end="")
+import json, sys, time
+within_s = next(int(word[9:-2]) for word in sys.argv if word.startswith("--since=-")) / 1000
+for when in json.load(open("{file}"))["failed_at"]:
+    if time.time() - when < within_s:
+        print("it failed")
 """
 
 
@@ -46,6 +49,7 @@ class Computer:
     def __init__(self, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.versions, self.dies = Versions(root / "opt/skyfix"), set[str]()
         self._state = root / "state.json"
+        self._failed_at: list[float] = []
         self._places = Places(root)
         (root / "bin").mkdir()
         for name, text in (("systemctl", SYSTEMCTL), ("journalctl", JOURNALCTL)):
@@ -63,14 +67,21 @@ class Computer:
         current = self.versions.current
         assert current is not None
         if current.name in self.dies:
-            self.is_now(ActiveState="failed", SubState="failed")
+            self.is_now(ActiveState="failed", SubState="failed", failures=3)
             return dict.fromkeys(units, "failed (exit-code)")
         self.is_now(**UP)
         return {}
 
+    def came_up_s_ago(self, ago_s: float) -> None:
+        """The current version did."""
+        assert self.versions.current is not None
+        (self.versions.current / ".came-up").write_text(f"{time.time() - ago_s:.3f}\n")
+
     def is_now(self, failures: int = 0, **properties: object) -> None:
-        """What systemd says of the service, and how often it has failed in the last minutes."""
-        self._state.write_text(json.dumps({"failures": failures, "NRestarts": failures} | properties))
+        """What systemd says of the service, and how often it has failed since."""
+        self._failed_at += [time.time()] * failures
+        told = {"failed_at": self._failed_at, "NRestarts": failures} | properties
+        self._state.write_text(json.dumps(told))
 
     def _reads(self) -> bool:
         return bool(json.loads(self._state.read_text()).get("ActiveState") == "active")
@@ -125,6 +136,7 @@ def test_one_that_stayed_is_kept_to_go_back_to(computer: Computer) -> None:
 )
 def test_one_that_died_after_it_was_watched_is_not(computer: Computer, dying: dict[str, object]) -> None:
     computer.lays("2")
+    computer.came_up_s_ago(100.0)
     computer.is_now(**dying)  # type: ignore[arg-type]
     computer.lays("3")
     assert computer.now == ("3", "1")
@@ -133,6 +145,7 @@ def test_one_that_died_after_it_was_watched_is_not(computer: Computer, dying: di
 
 def test_what_follows_it_and_does_not_come_up_leads_back_to_the_one_that_stayed(computer: Computer) -> None:
     computer.lays("2")
+    computer.came_up_s_ago(100.0)
     computer.is_now(**UP, failures=2)
     with pytest.raises(RefusedError, match="3 was not kept; 1 runs as before"):
         computer.lays("3", dies=True)
@@ -141,6 +154,7 @@ def test_what_follows_it_and_does_not_come_up_leads_back_to_the_one_that_stayed(
 
 def test_rolled_back_from_it_nothing_leads_to_it_again(computer: Computer) -> None:
     computer.lays("2")
+    computer.came_up_s_ago(100.0)
     computer.is_now(**UP, failures=2)
     computer.rolls_back()
     assert computer.now == ("1", None)
@@ -157,9 +171,7 @@ def test_one_that_ran_for_days_and_died_now_and_then_stays_the_way_back(
     computer: Computer, once: dict[str, int]
 ) -> None:
     computer.lays("2")
-    two = computer.versions.current
-    assert two is not None
-    (two / ".came-up").write_text(f"{time.time() - 7 * 86400:.0f}\n")
+    computer.came_up_s_ago(7 * 86400.0)
     computer.is_now(**UP, **once)  # type: ignore[arg-type]
     computer.lays("3")
     assert computer.now == ("3", "2")
@@ -171,6 +183,14 @@ def test_a_new_list_of_certificates_is_no_death(computer: Computer) -> None:
     computer.is_now(**UP, NRestarts=3)
     computer.lays("3")
     assert computer.now == ("3", "2")
+
+
+def test_what_a_version_that_was_not_kept_died_of_is_not_charged_to_the_one_before(computer: Computer) -> None:
+    computer.lays("2")
+    with pytest.raises(RefusedError, match="3 was not kept; 2 runs as before"):
+        computer.lays("3", dies=True)
+    computer.lays("4")
+    assert computer.now == ("4", "2")
 
 
 def test_one_that_waits_for_a_person_is_not_blamed(computer: Computer) -> None:
