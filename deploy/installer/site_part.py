@@ -31,6 +31,8 @@ CERTIFICATES: Final = "/etc/skyfix/certs"  # as configurations name it
 
 def check(wanted: argparse.Namespace, role: Role, config: Path) -> None:
     """Before anything is changed. Raises RefusedError for a part that is none, another's, or would be made twice."""
+    if wanted.carried is None:
+        wanted.carried = _lies_here(wanted, role)
     part: Path | None = wanted.carried
     if part is None:
         folder = Path(wanted.site or "")
@@ -43,13 +45,33 @@ def check(wanted: argparse.Namespace, role: Role, config: Path) -> None:
     said = _said_by(pems) if pems else {}
     if said.get("role", BEARS[role.name]) != BEARS[role.name]:
         raise RefusedError(f"the certificate in {part} is a {said['role']}'s", f"give the {role.name}'s own folder", 2)
+    _check_names(wanted, role, said)
+
+
+def _check_names(wanted: argparse.Namespace, role: Role, said: dict[str, str]) -> None:
+    """What is typed beside a part is what stands in it. said: by its certificate."""
+    part = wanted.carried
     read = _read(part, role)
-    sites = [read.get("site", {}).get("name") if role.name == "base" else read.get("site"), said.get("site")]
-    cameras = [each.get("id") for each in read.get("camera", ())] or said.get("cameras", "").split()
-    for option, given, found in (("site", wanted.site, sites), ("camera", wanted.camera, cameras)):
-        known = [each for each in found if each not in (None, "*")]
-        if given and known and given not in known and (option == "site" or role.name == "edge"):
+    site = read.get("site", {}).get("name") if role.name == "base" else read.get("site")
+    stands: dict[str, list[str | None]] = {"site": [site, said.get("site")]}
+    if role.name == "edge":
+        stands["camera"] = [each.get("id") for each in read.get("camera", ())] or [*said.get("cameras", "").split()]
+        stands["base"] = [base_of(part, role)]
+    for option, found in stands.items():
+        given, known = getattr(wanted, option), [each for each in found if each not in (None, "*")]
+        if given and known and given not in known:
             raise RefusedError(f"{part} is of {option} {known[0]}, not {given}", f"leave --{option} away", 2)
+
+
+def _lies_here(wanted: argparse.Namespace, role: Role) -> Path | None:
+    """A box's part where it is typed, for whoever names site and camera instead of the folder."""
+    if role.name != "edge" or not wanted.site or not wanted.camera:
+        return None
+    part = Path(str(wanted.site)) / str(wanted.camera)
+    if not (part / "edge.toml").exists():
+        return None
+    say(f"taking {part}, which lies here")
+    return part
 
 
 def _makes(wanted: argparse.Namespace, role: Role, config: Path) -> bool:
@@ -106,7 +128,7 @@ def _is_here(address: str) -> bool:
 def lay_part(part: Path, role: Role, config: Path) -> None:
     """Certificates, new ones over old; what stands beside the configuration, where it is not there yet."""
     pems = _pems(part, role)
-    if pems is not None:
+    if pems is not None and not _are_newer(config / certificates_of(role, config), pems):
         _lay_certificates(pems, config / certificates_of(role, config))
     listed = part / "certs/access.json"
     if role.name != "edge" and listed.exists():
@@ -115,6 +137,18 @@ def lay_part(part: Path, role: Role, config: Path) -> None:
         if not (config / file.name).exists():
             write(config / file.name, file.read_text(), 0o640, "root")
             say(f"wrote {config / file.name}")
+
+
+def _are_newer(here: Path, carried: Path) -> bool:
+    """Whether what is here was renewed since: an upgrade by the first line again brings the first ones again."""
+    if not all((here / name).exists() for name in PEMS):
+        return False
+    ours, theirs = _said_by(here), _said_by(carried)
+    same = all(ours.get(word) == theirs.get(word) for word in ("site", "role", "cameras"))
+    if not same or ours.get("expires", "") <= theirs.get("expires", ""):
+        return False
+    say(f"{here} stays: it is good for longer than what {carried} has")
+    return True
 
 
 def _lay_certificates(pems: Path, folder: Path) -> None:

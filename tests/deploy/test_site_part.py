@@ -77,6 +77,15 @@ def test_a_base_that_was_made_elsewhere_is_given_the_list_too_and_no_power_to_ma
     assert (etc / "certs/certificate.pem").read_text().startswith("hill.base.")
 
 
+def test_a_part_that_lies_where_it_is_typed_is_taken(
+    site: Path, etc: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(site.parent)
+    laid("edge --site hill --camera cam1 --base 192.168.7.1", etc)
+    assert "taking hill/cam1" in capsys.readouterr().out
+    assert (etc / "certs/certificate.pem").read_text().startswith("hill.cam1.")
+
+
 def test_certificates_alone_are_a_part(site: Path, etc: Path) -> None:
     laid(f"edge --from {site}/certs/issued/cam2 --site hill --camera cam2 --base 192.168.7.1", etc)
     read = tomllib.loads((etc / "edge.toml").read_text())
@@ -106,6 +115,19 @@ def test_what_is_there_stays_but_for_certificates_that_were_renewed(site: Path, 
     assert (etc / "certs/certificate.pem").read_text() != old
 
 
+def test_the_first_certificates_do_not_replace_later_ones(site: Path, etc: Path) -> None:
+    """An upgrade is typed as the installation was, and the folder that was carried then still lies there."""
+    assert main(["certs", "--folder", str(site / "certs"), "renew", "cam0", "--days", "800"]) == 0
+    laid(f"edge --from {site}/certs/issued/cam0 --site hill --camera cam0 --base 192.168.7.1", etc)
+    renewed = (etc / "certs/certificate.pem").read_text()
+    laid(f"edge --from {site}/cam0", etc)
+    assert (etc / "certs/certificate.pem").read_text() == renewed
+    other = site.parent / "valley"
+    assert main(["init", "valley", "--base", "10.0.0.1", "--certs", "-o", str(other)]) == 0
+    laid(f"edge --from {other}/cam0", etc)
+    assert (etc / "certs/certificate.pem").read_text().startswith("valley.cam0.")
+
+
 @pytest.mark.parametrize(
     ("typed", "said"),
     [
@@ -113,6 +135,7 @@ def test_what_is_there_stays_but_for_certificates_that_were_renewed(site: Path, 
         ("edge --from {site}", "has no edge.toml and no certificates"),
         ("edge --from {site}/cam0 --camera cam1", "is of camera cam0, not cam1"),
         ("edge --from {site}/cam0 --site valley", "is of site hill, not valley"),
+        ("edge --from {site}/cam0 --base 10.0.0.1", "is of base 192.168.7.1, not 10.0.0.1"),
         ("base --from {site}/cam0", "is a camera's"),
         ("edge --from {site}/certs/issued/base", "is a station's"),
         ("edge --from {site}/certs/issued/cam1 --camera cam2", "is of camera cam1, not cam2"),

@@ -3,6 +3,8 @@
 Machines that are to hear one another are given a cable (`cable.py`).
 """
 
+import os
+import re
 import shutil
 import signal
 import subprocess
@@ -42,13 +44,24 @@ def _mounted(folder: Path) -> bool:
     return subprocess.run(words, capture_output=True, check=False).returncode == 0
 
 
+def _clear_remains() -> None:
+    """Disks in memory that a rehearsal left when it was killed."""
+    for line in Path("/proc/mounts").read_text().splitlines():
+        place = Path(line.split()[1])
+        made_by = re.fullmatch(r"skyfix[a-z0-9-]*-(\d+)-\w+", place.name)
+        if made_by and place.parent == Path(tempfile.gettempdir()) and not Path(f"/proc/{made_by[1]}").exists():
+            subprocess.run(["umount", "--lazy", str(place)], check=False)
+            place.rmdir()
+
+
 class Machine:
     """Use as a context manager. root: its file system, as seen from here; leader: its first process, 0 while off."""
 
     def __init__(self, bare: Path, name: str = "skyfix", *, programs_mb: int = 0) -> None:
         """programs_mb: how large the disk of /opt is, for one that can be filled; 0 for this computer's own."""
         self._more = [f"--tmpfs=/opt:mode=755,size={programs_mb}M"] if programs_mb else []
-        self._folder = Path(tempfile.mkdtemp(prefix=f"{name}-"))
+        _clear_remains()
+        self._folder = Path(tempfile.mkdtemp(prefix=f"{name}-{os.getpid()}-"))
         self._in_memory = _free_mb() > ROOM_MB and _mounted(self._folder)
         self.root = self._folder / "root"
         self._said = self._folder / "console"
