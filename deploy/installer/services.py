@@ -111,7 +111,8 @@ def _judge(unit: str, up: dict[str, tuple[float, str]], deadline_s: float, watch
     names = ("ActiveState", "SubState", "NRestarts", "MainPID", "ExecMainStatus", "Result", "Job")
     state, sub, deaths, pid, status, result, job = show(unit, *names)
     now_s = time.monotonic()
-    if state == "failed":
+    # With a job to come it is the version before that failed, to end when it was told to.
+    if state == "failed" and job in ("", "0"):
         return f"failed ({result}, exit code {status})"
     if state == "inactive" and job in ("", "0") and result == "success" and unit in up:
         return ""  # a box that has played its recording to the end

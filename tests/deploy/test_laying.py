@@ -123,6 +123,18 @@ def test_a_service_that_has_failed_is_not_waited_for(monkeypatch: pytest.MonkeyP
     assert time.monotonic() - began_s < 10 * services.POLL_S
 
 
+def test_one_before_it_that_had_to_be_killed_is_not_its_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A version that hangs when it is told to end is killed after ten seconds: failed, its start still to come."""
+    hung = {"ActiveState": "failed", "SubState": "failed", "ExecMainStatus": "9", "Result": "timeout", "Job": "41"}
+    up = {"ActiveState": "active", "SubState": "running", "MainPID": "7", "NRestarts": "0", "Job": "0"}
+    told = [hung]
+    monkeypatch.setattr(services, "show", lambda _, *names: [told[-1].get(name, "0") for name in names])
+    timer = threading.Timer(1.2, told.append, [up])
+    timer.start()
+    assert services.come_up(["edge-node"], 1.0) == {}
+    timer.join()
+
+
 def test_one_that_dies_while_it_is_watched_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     up = {"ActiveState": "active", "SubState": "running", "MainPID": "7", "NRestarts": "0", "Result": "success"}
     died = up | {"ActiveState": "activating", "SubState": "auto-restart", "MainPID": "0"}
