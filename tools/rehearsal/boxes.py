@@ -79,12 +79,15 @@ def carry(there: Field) -> None:
 
 
 def install_others(there: Field, first: str) -> None:
-    """The lines of README.md on the boxes but the first, each with its own camera, side by side."""
+    """The lines of README.md on the boxes but the first, each with its own camera, side by side.
+
+    By somebody whose files nobody else may read: the services' user reads the programs nevertheless.
+    """
     lines = [line("README.md", words).replace(first, "{camera}") for words in ("tar xf", "install.sh edge")]
 
     def install(camera: str) -> None:
         typed = "\n".join(lines).format(camera=camera)
-        there.said[camera] = there.boxes[camera].run(f"{SUDO}{typed}", timeout_s=900)
+        there.said[camera] = there.boxes[camera].run(f"umask 077\n{SUDO}{typed}", timeout_s=900)
 
     threads = [threading.Thread(target=install, args=[camera]) for camera in there.boxes if camera != first]
     for thread in threads:

@@ -22,6 +22,7 @@ from tools.rehearsal.typed import Typist
 FIRST: Final = "cam0"  # the box that the pages name
 GLANCE_S: Final = 2.0  # of the version that dies later,
 DIES_AFTER_S: Final = 30.0  # so long after its start that on a busy computer it has come up before
+PAUSED: Final = "cam1"
 STOLEN: Final = "cam2"  # revoked; its successor is a box beside the base
 PAGE: Final = (
     "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8080/', timeout=60).read().decode()[:100000])"
@@ -46,6 +47,7 @@ ASKED: Final = (
     "PTP is asked under the unit, and told",
     "corrections run under their unit",
     "nobody sees the caster's password",
+    "what was disabled on purpose stays so",
     "a box that was revoked is heard no more",
     "certificates are made as the page says",
     "a box is installed beside the base",
@@ -86,6 +88,7 @@ def whole(life: Life) -> None:
         ptp.lay(there)
         ptp.followed(there)
         typed.corrections(there, typist)
+        _disabled(there)
         field.revoked(there, STOLEN)
     typed.certificates(life, typist)
     _box_beside(life)
@@ -136,6 +139,17 @@ def _boxes_are_there(there: Field) -> None:
         wanted = ('site = "hill"', f'id = "{camera}"', f'connect = ["tls/{field.BASE}:7447"]')
         given.append(all(each in text for each in wanted))
     there.life.note("what each was given stands in its configuration", all(given), given)
+
+
+def _disabled(there: Field) -> None:
+    """A box that somebody switched off for the winter, and upgrades with the others."""
+    box = there.boxes[PAUSED]
+    box.run("systemctl disable --now edge-node")
+    done = box.run(f"{typed.UNPACKED}/install.sh edge --watch {GLANCE_S:g}", timeout_s=900)
+    now = box.ask("systemctl is-enabled edge-node; systemctl is-active edge-node").split()
+    fine = done.returncode == 0 and now == ["disabled", "inactive"]
+    there.life.note("what was disabled on purpose stays so", fine, f"{now} {done.stdout[-300:]}")
+    box.run("systemctl enable --now edge-node")
 
 
 def _box_beside(life: Life) -> None:
