@@ -3,23 +3,20 @@
 One life is lived through (tools/rehearsal/packages.py); each test looks at one thing in it.
 """
 
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.packages.conftest import ROLES, Verdicts
 from tools.rehearsal import debian
 from tools.rehearsal.life import Life, lived
 from tools.rehearsal.machine import CannotBoot
 from tools.rehearsal.packages import ASKED, packages
 
-# They are built without compression for the test's sake.
-NOT_ASKED = "uses-no-compression-for-control-tarball,uses-no-compression-for-data-tarball"
-
 
 @pytest.fixture(scope="module")
-def life(debs: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Life]:
+def life(debs: Path, verdicts: Verdicts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Life]:
     """The life; skipped, with the reason, where no machine can be booted."""
     if reason := debian.missing():
         pytest.skip(reason)
@@ -38,11 +35,9 @@ def test_it(life: Life, name: str) -> None:
 
 
 @pytest.mark.program("lintian", "dpkg-deb")
-@pytest.mark.parametrize("role", ["common", "box", "base", "router"])
-def test_lintian_finds_nothing_but_what_is_overridden_with_a_reason(debs: Path, role: str) -> None:
-    (file,) = (debs / "now").glob(f"skyfix-{role}_*.deb")
-    words = ["lintian", "--allow-root", "--suppress-tags", NOT_ASKED, "--tag-display-limit", "0", str(file)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+@pytest.mark.parametrize("role", ROLES)
+def test_lintian_finds_nothing_but_what_is_overridden_with_a_reason(verdicts: Verdicts, role: str) -> None:
+    done = verdicts[role].result()
     assert (done.stdout.strip(), done.returncode) == ("", 0), done.stderr
 
 
