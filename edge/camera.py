@@ -14,7 +14,7 @@ from typing import Final
 from edge.capture import FrameSource, is_live, is_lossless, open_source
 from edge.capture.frame import Picture
 from edge.capture.reader import Reader, ReaderState
-from edge.common.errors import SkyfixError
+from edge.common.errors import ConfigError, SkyfixError
 from edge.common.health import SEVERITY, Check
 from edge.common.own_thread import OwnThread
 from edge.common.utc import Dated
@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 CAMERA_CLOSE_S: Final = 1.0  # a frame under way, a scan, a full-frame model
 FRAME_PATIENCE_S: Final = 0.25  # how long to wait for a frame before looking whether to stop
 DROPS_WARN: Final = 0.02  # share of frames lost to a slow detector that the operator should know of
+LATE_WARN: Final = 0.1  # places a frame that waited for more than half a second to be looked at
 STARTING_S: Final = 10.0  # opening a network camera and loading a model may take so long
 
 
@@ -67,6 +68,7 @@ class CameraWorker(OwnThread):
             return open_source(camera, colour=self._detector.colour, stop=self._stop, date=date)
 
         self.reader = Reader(camera.id, open_it, live=is_live(camera), lossless=is_lossless(camera))
+        self._misfit: ConfigError | None = None
         self._started_s = 0.0
         self._done = False
 
@@ -111,12 +113,26 @@ class CameraWorker(OwnThread):
         step = self.pipeline.step if self._side_by_side is None else self._side_by_side.step
         while not self._stop.is_set() and not self.reader.finished:
             frame = self.reader.get(FRAME_PATIENCE_S)
-            if frame is not None:
+            if frame is not None and self._fits(frame):
                 for message in step(frame):
                     self._publish(message)
         if self._side_by_side is not None:
             for message in self._side_by_side.flush():
                 self._publish(message)
+
+    def _fits(self, frame: Picture) -> bool:
+        """Whether a frame is of the lens's size; a live camera's that is not is waited for: it may be starting anew."""
+        try:
+            self.pipeline.check_size(frame)
+        except ConfigError as error:
+            if not is_live(self.camera):
+                raise
+            if self._misfit is None:
+                log.error("%s; waiting for the size to come back", error)
+            self._misfit = error
+            return False
+        self._misfit = None
+        return True
 
     def checks(self) -> list[Check]:
         """How the camera and its detector are."""
@@ -124,7 +140,7 @@ class CameraWorker(OwnThread):
 
     def _check_camera(self) -> Check:
         name, state = f"camera {self.camera.id}", self.reader.state
-        error = self.error or state.error
+        error = self.error or state.error or self._misfit
         if error is not None:
             return Check(name, "fail", f"{error.where}: {error.what}", error.action)
         if self.ended:
@@ -146,6 +162,10 @@ class CameraWorker(OwnThread):
         if share > DROPS_WARN:
             action = "give it a smaller model or another core, or ask the camera for fewer frames"
             return Check(name, "warn", f"{share:.0%} of the frames were lost: too slow for this camera", action)
+        late = self.pipeline.counters().get("detector_late", 0.0) / max(1, state.frames)
+        if late > LATE_WARN:
+            action = "raise detector.max_crops, or point the camera where less moves"
+            return Check(name, "warn", "more moves than is looked at within half a second", action)
         return Check(name, "ok", "keeps up")
 
     def glance(self) -> tuple[Picture, list[TrackRow], str, str] | None:

@@ -115,7 +115,9 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
     tiles: Annotated[bool, Meta(description="full_frame: cut into overlapping tiles of the model's size")] = False
     threads: Annotated[int, Meta(ge=1, le=64, description="per ONNX session")] = 1
     workers: Annotated[int, Meta(ge=1, le=16, description="full_frame: frames worked on side by side")] = 2
-    max_crops: Annotated[int, Meta(ge=1, le=64, description="two_stage: crops a frame")] = 8
+    max_crops: Annotated[
+        int, Meta(ge=1, le=64, description="two_stage: crops a frame; tracks may take four times these")
+    ] = 8
     scan_period_s: Annotated[SecondsOrNone, Meta(description="two_stage: between full scans; 0 for none")] = 1.0
 
     def __post_init__(self) -> None:

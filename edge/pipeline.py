@@ -52,9 +52,7 @@ class Pipeline:
         self._last_t_unix_ns: int | None = None
         self._last_said_unix_ns = 0
         self._bound_s: float | None = None
-        self._counts = dict.fromkeys(
-            ("frames_backwards", "rows_without_ray", "rows_unsound", "rows_published", "clock_stepped"), 0.0
-        )
+        self._counts = dict.fromkeys(COUNTED, 0.0)
         self.view = ViewWatch()
         self.latest: tuple[Picture, list[TrackRow]] | None = None
 
@@ -69,7 +67,7 @@ class Pipeline:
 
     def look(self, frame: Picture) -> Detections:
         """Detection alone, for detectors that remember nothing: several frames may be looked at side by side."""
-        self._check_size(frame)
+        self.check_size(frame)
         return self._detector.detect(frame, NOWHERE)
 
     def conclude(self, frame: Picture, found: Detections) -> list[Tracks]:
@@ -80,7 +78,7 @@ class Pipeline:
         return self._messages(frame, rows)
 
     def _accept(self, frame: Picture) -> bool:
-        self._check_size(frame)
+        self.check_size(frame)
         return self.in_order(frame)
 
     def in_order(self, frame: Picture) -> bool:
@@ -95,7 +93,8 @@ class Pipeline:
         self._last_t_unix_ns = frame.t_unix_ns
         return True
 
-    def _check_size(self, frame: Picture) -> None:
+    def check_size(self, frame: Picture) -> None:
+        """Raises ConfigError if a frame is of another size than the lens was measured at."""
         if frame.size_px != self._facts.lens.size_px:
             width, height = self._facts.lens.size_px
             raise ConfigError(

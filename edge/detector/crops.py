@@ -38,15 +38,20 @@ class Crop:
 
 def choose(regions: Array, frame_px: tuple[int, int], limit: int) -> list[Crop]:
     """Crops that cover regions `(N, 3)` of u, v, extent, the most important first, at most `limit` of them."""
-    crops: list[Crop] = []
-    for u, v, extent in regions.tolist():
+    return add([], regions, frame_px, limit)[0]
+
+
+def add(crops: list[Crop], regions: Array, frame_px: tuple[int, int], limit: int) -> tuple[list[Crop], int]:
+    """Crops with further ones that cover regions, at most `limit` in all; and how many regions are covered."""
+    crops = list(crops)
+    for index, (u, v, extent) in enumerate(regions.tolist()):
         reduction = next((r for r in REDUCTIONS if extent <= LARGEST_EXTENT * r), REDUCTIONS[-1])
         if any(_covers(crop, u, v, reduction) for crop in crops):
             continue
-        crops.append(_around(u, v, reduction, frame_px))
         if len(crops) >= limit:
-            break
-    return crops
+            return crops, index
+        crops.append(_around(u, v, reduction, frame_px))
+    return crops, len(regions)
 
 
 def _covers(crop: Crop, u: float, v: float, reduction: int) -> bool:

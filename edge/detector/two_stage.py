@@ -5,12 +5,14 @@ are cut at native resolution from now and the recent past, and judged in one bat
 replaced: a full scan only ever adds places to look at.
 """
 
+from typing import Final
+
 import numpy as np
 
 from edge.capture.frame import Image, Picture
 from edge.common.arrays import Array
 from edge.config import DetectorConfig
-from edge.detector.crops import Crop, choose, cut, in_frame
+from edge.detector.crops import Crop, add, cut, in_frame
 from edge.detector.detections import Detections, nothing
 from edge.detector.history import History
 from edge.detector.look import SAME_OBJECT_IOU
@@ -18,6 +20,10 @@ from edge.detector.motion import NO_BLOBS, MotionDetector
 from edge.detector.nms import suppress
 from edge.detector.scan import Scanner
 from edge.detector.skyfix import StackDetector, StackNet
+from edge.detector.turns import Turns
+
+FOLLOWED_TIMES: Final = 4  # times max_crops that tracks may take: a crop costs a millisecond, a lost track a target
+RESERVED_SHARE: Final = 3  # a third of max_crops stays for what is not followed yet
 
 
 class TwoStage(StackDetector):
@@ -28,6 +34,7 @@ class TwoStage(StackDetector):
         self._history = History(net.past_s)
         self._motion = MotionDetector()
         self._scanner = Scanner(net, config.score_min, config.scan_period_s, background=background)
+        self._turns = Turns()
         self._last_t_unix_ns = 0
         self._counts = {"detector_frames": 0.0, "detector_crops": 0.0, "detector_all_moving": 0.0}
 
@@ -41,18 +48,26 @@ class TwoStage(StackDetector):
         self._last_t_unix_ns = frame.t_unix_ns
         blobs = self._motion.propose(frame.image, past, interval_s) if self._history.complete else NO_BLOBS
         self._scanner.offer(frame.t_unix_ns, images)
-        regions = np.concatenate(
-            [
-                expected_px.reshape(-1, 3),
-                self._scanner.take(),
-                np.column_stack([blobs.centre_px, blobs.extent_px]),
-            ]
-        )
-        crops = choose(regions, frame.size_px, self._config.max_crops)
+        moving = np.concatenate([self._scanner.take(), np.column_stack([blobs.centre_px, blobs.extent_px])])
+        crops = self._crops(frame, expected_px.reshape(-1, 3), moving)
         self._counts["detector_frames"] += 1
         self._counts["detector_crops"] += len(crops)
         self._counts["detector_all_moving"] += blobs.share > 0 and not len(blobs.strength)
         return self._judge(frame, images, crops)
+
+    def _crops(self, frame: Picture, expected: Array, moving: Array) -> list[Crop]:
+        """Where to look: at all that is followed, within reason, and at what else moves, in turns if it is too much."""
+        limit = self._config.max_crops
+        crops, _ = add([], expected, frame.size_px, FOLLOWED_TIMES * limit)
+        room = max(limit, len(crops) + max(1, limit // RESERVED_SHARE))
+        together, seen = add(crops, moving, frame.size_px, room)
+        if seen == len(moving):
+            self._turns.look(moving, seen, frame.t_unix_ns)
+            return together
+        ordered = self._turns.order(moving, frame.t_unix_ns)
+        together, seen = add(crops, ordered, frame.size_px, room)
+        self._turns.look(ordered, seen, frame.t_unix_ns)
+        return together
 
     def _judge(self, frame: Picture, images: list[Image], crops: list[Crop]) -> Detections:
         if not crops:
@@ -64,7 +79,7 @@ class TwoStage(StackDetector):
 
     def counters(self) -> dict[str, float]:
         """Frames, crops and scans so far."""
-        return {**self._counts, "detector_scans": float(self._scanner.scans)}
+        return {**self._counts, "detector_scans": float(self._scanner.scans), "detector_late": float(self._turns.late)}
 
     def close(self) -> None:
         """End the scanning thread."""

@@ -120,7 +120,7 @@ class PreviewServer(OwnThread):
         super().__init__("preview-http", PREVIEW_CLOSE_S)
         try:
             self._server = http.server.ThreadingHTTPServer(("127.0.0.1", port), _handler(preview))
-        except OSError as error:
+        except (OSError, OverflowError) as error:
             raise ConfigError(f"port {port} is not free ({error})", where="--preview", action="name another") from error
         self._server.daemon_threads = True
 

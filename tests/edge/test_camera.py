@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from edge.camera import CameraWorker, check_view
+from edge.capture.frame import Picture
 from edge.common.errors import SourceError
 from edge.config import load_box
 from edge.messages import Tracks
@@ -126,3 +127,14 @@ def test_a_camera_that_moves_is_said(shifts: int, level: str, words: str) -> Non
     check = check_view("cam1", view)
     assert (check.level, words in check.reason) == (level, True)
     assert bool(check.action) == (level != "ok")
+
+
+def test_a_live_camera_of_another_size_is_waited_for(tmp_path: Path, model: Path) -> None:
+    worker, _ = worker_of(tmp_path, "rtsp://127.0.0.1:9/none", model, source="timeout_s = 0.5")
+    other = Picture(10**18, np.zeros((48, 64), np.uint8), "arrival")
+    right = Picture(10**18, np.zeros((worker.lens.size_px[1], worker.lens.size_px[0]), np.uint8), "arrival")
+    assert not worker._fits(other)
+    assert "the frames are 64 x 48" in worker.checks()[0].reason
+    assert not worker.failed
+    assert worker._fits(right)
+    assert "64 x 48" not in worker.checks()[0].reason

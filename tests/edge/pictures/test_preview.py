@@ -49,3 +49,8 @@ def test_browser_gets_a_stream() -> None:
 def test_port_that_is_taken_is_named() -> None:
     with Preview("0", latest) as preview, pytest.raises(ConfigError, match="not free"):
         Preview(str(preview.port), latest)
+
+
+def test_a_port_that_is_none_is_named() -> None:
+    with pytest.raises(ConfigError, match="port 70000 is not free"):
+        Preview("70000", latest)

@@ -1,0 +1,52 @@
+"""Whose turn it is where more places move than can be looked at: none waits for ever.
+
+The hazard is the ninth object. A budget that goes to the strongest goes to the same ones frame after frame, and whoever
+comes last is never looked at, which nothing says. So places that were looked at a moment ago give way to those that
+were not, and those that wait too long are counted.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from edge.common.arrays import Array
+
+PLACE_PX: Final = 32.0  # px: what is nearer than this is one place
+TURN_LATE_NS: Final = 500_000_000  # ns after which a place that waits is counted
+
+Place = tuple[int, int]
+
+
+class Turns:
+    """Remembers when each place of a picture was looked at, and since when others wait."""
+
+    def __init__(self) -> None:
+        self._looked: dict[Place, int] = {}
+        self._waiting: dict[Place, int] = {}
+        self.late = 0
+
+    def order(self, regions: Array, t_unix_ns: int) -> Array:
+        """Regions `(N, 3)` in the order in which they are to be looked at: who waited longest, then as they come."""
+        since = [t_unix_ns - self._looked.get(place, -TURN_LATE_NS) for place in _places(regions)]
+        index = sorted(range(len(since)), key=lambda k: (-min(since[k], TURN_LATE_NS), k))
+        return regions[np.array(index, dtype=np.intp)]
+
+    def look(self, regions: Array, seen: int, t_unix_ns: int) -> None:
+        """Note that the first `seen` regions of an order were looked at, and that the others wait."""
+        places = _places(regions)
+        for place in places[:seen]:
+            self._looked[place] = t_unix_ns
+            self._waiting.pop(place, None)
+        waiting = {}
+        for place in places[seen:]:
+            if t_unix_ns - self._looked.get(place, 0) > TURN_LATE_NS:
+                waiting[place] = self._waiting.get(place, t_unix_ns)
+        self._waiting = waiting
+        self.late += sum(t_unix_ns - since > TURN_LATE_NS for since in waiting.values())
+        if len(self._looked) > 10 * max(1, len(places)):
+            self._looked = {place: t for place, t in self._looked.items() if t_unix_ns - t < TURN_LATE_NS}
+
+
+def _places(regions: Array) -> list[Place]:
+    cells = np.floor(regions[:, :2] / PLACE_PX).astype(int)
+    return [(int(u), int(v)) for u, v in cells]
