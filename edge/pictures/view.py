@@ -21,6 +21,9 @@ LOOK_NS: Final = 500_000_000  # ns between looks: a knock is over in less, and c
 VIEW_WIDTH_PX: Final = 480  # the reduced picture's, at the least: the correlation then finds 0.1 px, 0.4 px at 1920
 SHIFT_PX: Final = 1.0  # of the reduced picture: 4 px at 1920, ten times what clouds do between looks
 CLEAR: Final = 0.15  # response of the correlation below which there is no common picture to speak of
+BLOCKS: Final = (6, 8)  # rows and columns that the picture is cut into, to ask each whether it moved
+VOTE_GREY: Final = 0.3  # grey levels, mean of a block, that one answer must fit better: three times its noise
+VOTE_SHARE: Final = 0.3  # and this share of what it is off
 REMEMBERED_NS: Final = 60_000_000_000  # ns for which a shift is worth telling
 MOVING_LOOKS: Final = 4  # shifts among the last REMEMBERED_NS that make it a camera that moves
 
@@ -59,8 +62,8 @@ class ViewWatch:
     def _compare(self, before: NDArray[np.float32], now: NDArray[np.float32], frame: Picture) -> Shift | None:
         if self._window is None or self._window.shape != now.shape:
             self._window = cv2.createHanningWindow((now.shape[1], now.shape[0]), cv2.CV_32F)
-        (du, dv), response = cv2.phaseCorrelate(before, now, self._window)
-        if response < CLEAR or max(abs(du), abs(dv)) < SHIFT_PX:
+        (du, dv), response = cv2.phaseCorrelate(before.copy(), now.copy(), self._window)  # it multiplies them in place
+        if response < CLEAR or max(abs(du), abs(dv)) < SHIFT_PX or not all_moved(before, now, (du, dv)):
             return None
         scale = frame.image.shape[1] / now.shape[1]
         shift = Shift(frame.t_unix_ns, du * scale, dv * scale)
@@ -72,6 +75,31 @@ class ViewWatch:
     def moves(self) -> bool:
         """Whether the picture shifts again and again, as on a moving camera."""
         return len(self.recent) >= MOVING_LOOKS
+
+
+def all_moved(before: NDArray[np.float32], now: NDArray[np.float32], shift_px: tuple[float, float]) -> bool:
+    """Whether the picture moved, or one thing in it: blocks vote, and those for the move must lie far apart.
+
+    On an open sky the flying object is all that a correlation sees. Its own blocks fit the move; those of a treeline
+    do not, and those of the even sky say nothing.
+    """
+    height, width = now.shape
+    moved = cv2.warpAffine(before, np.array([[1, 0, shift_px[0]], [0, 1, shift_px[1]]]), (width, height))
+    inside = cv2.warpAffine(np.ones_like(before), np.array([[1, 0, shift_px[0]], [0, 1, shift_px[1]]]), (width, height))
+    stayed_off = _block_means(cv2.absdiff(now, before) * inside)
+    moved_off = _block_means(cv2.absdiff(now, moved) * inside)
+    gained = stayed_off - moved_off
+    clear = np.maximum(VOTE_GREY, VOTE_SHARE * np.maximum(stayed_off, moved_off))
+    rows, columns = np.nonzero(gained > clear)
+    against = int(np.count_nonzero(-gained > clear))
+    if len(rows) <= 2 * against:
+        return False
+    return bool(np.ptp(columns) >= BLOCKS[1] // 2 or np.ptp(rows) >= BLOCKS[0] // 2)
+
+
+def _block_means(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    means: NDArray[np.float32] = cv2.resize(image, (BLOCKS[1], BLOCKS[0]), interpolation=cv2.INTER_AREA)
+    return means
 
 
 def _reduced(image: Image) -> NDArray[np.float32]:

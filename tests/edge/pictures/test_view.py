@@ -52,3 +52,32 @@ def test_another_segment_is_compared_only_after_its_first_look() -> None:
     for k in range(20):
         watch.update(look(scene, 0.0, 0.0, k))
     assert watch.update(Picture(20 * STEP_NS + 1, look(scene, 0, 0, 20).image, "file", segment=1)) is None
+
+
+def open_sky(rng: np.random.Generator, treeline: int) -> np.ndarray:
+    """A sky with a gradient, darker corners and a sensor's fixed pattern, and trees along its lower edge."""
+    v, u = np.mgrid[0:740, 0:1160].astype(np.float64)
+    sky = 215 - 30 * v / 740 - 25 * (((u - 580) / 580) ** 2 + ((v - 370) / 370) ** 2) / 2
+    trees = cv2.resize(rng.normal(70, 25, (200, 300)), (1160, 740), interpolation=cv2.INTER_CUBIC)
+    edge = 100 + SIZE[1] - treeline
+    return np.where(v > edge, trees, sky) if treeline else sky
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_one_object_on_open_sky_is_no_move_and_a_bump_there_is_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    width, treeline = int(rng.integers(5, 60)), int(rng.choice([0, 20, 45, 150]))
+    scene, pattern = open_sky(rng, treeline), rng.normal(0, 0.7, (SIZE[1], SIZE[0]))
+    step, place = rng.uniform(-40, 40, 2), np.array([rng.uniform(200, 700), rng.uniform(100, 350)])
+    watch = ViewWatch()
+    for k in range(21):
+        bumped = k == 20
+        image = look(scene, 12.0 * bumped, -7.0 * bumped, k, noise=1.5).image + pattern
+        u, v = place + step * min(k, 19 - k)
+        if not bumped:
+            cv2.circle(image, (round(u), round(v)), width // 2, 60.0, -1)
+        shift = watch.update(Picture(k * STEP_NS, np.clip(image, 0, 255).astype(np.uint8), "file"))
+        if not bumped:
+            assert shift is None, f"seed {seed}, look {k}: {shift}, step {step}, treeline {treeline}"
+    if treeline == 150:
+        assert shift is not None, f"seed {seed}"
