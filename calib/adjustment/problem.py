@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.joint_prior import JointPrior
@@ -14,6 +15,7 @@ from calib.adjustment.priors import CameraPrior, moved
 from calib.adjustment.projection import CAMERA_SIZE, CameraData, Projected, project, unknowns_of
 from calib.adjustment.smoothness import Smoothness
 from calib.adjustment.weights import Fitted, Weights
+from calib.geometry.spline import Located
 from edge.common.arrays import Array
 
 COARSE_ROWS: Final = 8000  # enough for a hundred unknowns at any correlation
@@ -120,19 +122,21 @@ class Point:
         )
         return total + self.problem.prior.cost(self.estimate.cameras) + self.smoothness.cost(self.estimate)
 
+    def whitened(self) -> tuple["Whitened", ...]:
+        """Per camera its rows as they are weighed."""
+        parts = []
+        for index, part in enumerate(self.fitted()):
+            sigma = self.weights.weighing_sigma_px[index] * part.data.sigma_px
+            whiten, image = np.asarray(np.sqrt(part.kept) / sigma)[:, None], part.image
+            by_point, by_camera = image.by_point * whiten[:, :, None], image.by_camera * whiten[:, :, None]
+            parts.append(Whitened(image.located, by_point, by_camera, image.residual * whiten, whiten))
+        return tuple(parts)
+
     def normal(self) -> Normal:
         """The normal equations of a step from here."""
         normal = Normal.zero(len(self.estimate.control), CAMERA_SIZE * len(self.projected))
-        for index, part in enumerate(self.fitted()):
-            whiten = self._whiten(index, part)
-            image = part.image
-            normal.add_observations(
-                image.located,
-                image.by_point * whiten[:, :, None],
-                image.by_camera * whiten[:, :, None],
-                image.residual * whiten,
-                unknowns_of(index),
-            )
+        for index, part in enumerate(self.whitened()):
+            part.add_to(normal, unknowns_of(index))
         self.problem.prior.add_to(normal, self.estimate.cameras)
         self.smoothness.add_to(normal, self.estimate)
         return normal
@@ -144,23 +148,38 @@ class Point:
         bending = replace(
             normal, right_control=np.zeros_like(normal.right_control), right_camera=np.zeros_like(normal.right_camera)
         )
-        for index, part in enumerate(self.fitted()):
-            image, at = part.image, unknowns_of(index)
-            moved_m = np.einsum("nk,nkd->nd", image.located.weights(), step.control[image.located.controls()])
-            straight = np.einsum("nij,nj->ni", image.by_point, moved_m) + image.by_camera @ step.camera[at]
-            there = ahead.projected[index]
-            half = ((there.residual - image.residual) / share - straight) / share
-            whiten = self._whiten(index, part) * there.valid[:, None]
-            bending.add_pull(
-                image.located,
-                image.by_point * whiten[:, :, None],
-                image.by_camera * whiten[:, :, None],
-                half * whiten,
-                at,
-            )
+        for index, part in enumerate(self.whitened()):
+            at, there = unknowns_of(index), ahead.projected[index]
+            moved_m = np.einsum("nk,nkd->nd", part.located.weights(), step.control[part.located.controls()])
+            straight = np.einsum("nij,nj->ni", part.by_point, moved_m) + part.by_camera @ step.camera[at]
+            reached = there.residual * part.weight * there.valid[:, None]
+            half = ((reached - part.residual) / share - straight) / share * there.valid[:, None]
+            bending.add_pull(part.located, part.by_point, part.by_camera, half, at)
         return bending
 
-    def _whiten(self, index: int, part: Fitted) -> Array:
-        """(N, 1) what a camera's rows are weighed with."""
-        sigma = self.weights.weighing_sigma_px[index] * part.data.sigma_px
-        return np.asarray(np.sqrt(part.kept) / sigma)[:, None]
+
+@dataclass(frozen=True)
+class Whitened:
+    """One camera's rows: where on the spline, derivatives (N, 2, 3) and (N, 2, 14) and residuals (N, 2) in sigmas, and
+    the weight (N, 1) that made them so.
+    """
+
+    located: Located
+    by_point: Array
+    by_camera: Array
+    residual: Array
+    weight: Array
+
+    def rows(self, which: NDArray[np.bool_]) -> "Whitened":
+        """Only some of the rows."""
+        return Whitened(
+            self.located.rows(which),
+            self.by_point[which],
+            self.by_camera[which],
+            self.residual[which],
+            self.weight[which],
+        )
+
+    def add_to(self, normal: Normal, at: slice) -> None:
+        """Add them to normal equations, the camera's unknowns standing there."""
+        normal.add_observations(self.located, self.by_point, self.by_camera, self.residual, at)

@@ -78,6 +78,10 @@ class Located:
     u: Array
     spacing_s: float
 
+    def rows(self, which: NDArray[np.bool_]) -> "Located":
+        """Only some of them."""
+        return Located(self.first[which], self.u[which], self.spacing_s)
+
     def weights(self) -> Array:
         """(N, 4) weights of the four control points in the position."""
         u = self.u

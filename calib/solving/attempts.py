@@ -23,7 +23,7 @@ from calib.solving.initial_estimate import InitialEstimate, begun, from_scaffold
 from calib.solving.inputs import FEWEST_CAMERA_ROWS
 from calib.solving.parallax import refuse_parallel_rays
 from calib.solving.readmit import readmit
-from calib.solving.refine import Refined, first_weights, problem_of, refine
+from calib.solving.refine import NOTHING_WITH_IT, Refined, first_weights, problem_of, refine
 from calib.solving.refusals import open_share, refuse
 from calib.solving.solution import Trajectory, network_of, trajectory_of
 from calib.solving.strain import CERTAIN
@@ -122,8 +122,15 @@ def _readmitted(timed: Timed, refined: Refined, knots_s: float) -> Refined:
             return refined
         tried |= {camera.id for camera in back}
         cameras = tuple(sorted((*refined.adjusted.estimate.cameras, *back), key=lambda camera: camera.id))
-        again = refine(inputs, replace(refined.initial, cameras=cameras, objects=objects), knots_s)
-        refined = replace(again, left_out={**refined.left_out, **again.left_out})
+        try:
+            again = refine(inputs, replace(refined.initial, cameras=cameras, objects=objects), knots_s)
+        except CalibrationError:
+            # One more that spoils everything stays out, and the others are what they were.
+            spoiling = {camera.id: NOTHING_WITH_IT for camera in back}
+            refined = replace(refined, left_out={**refined.left_out, **spoiling})
+            continue
+        left_out, turns = {**refined.left_out, **again.left_out}, (*refined.turns, *again.turns)
+        refined = replace(again, left_out=left_out, turns=turns)
 
 
 def _others(timed: Timed, found: list[Attempt], knots_s: float) -> Iterator[InitialEstimate]:

@@ -26,6 +26,7 @@ from calib.solving.initial_estimate import InitialEstimate
 from calib.solving.inputs import FEWEST_CAMERA_ROWS, Inputs
 from calib.solving.rivals import started, told_apart
 from calib.solving.strain import Believed, Strain, strain, widening
+from calib.solving.turned import Turn, turned
 from edge.common.arrays import Array
 
 FIRST_SIGMA_RAY: Final = 0.005  # what a first estimate is good for, in ray units
@@ -35,6 +36,7 @@ COARSEST: Final = 8.0  # times the other cameras' noise, in ray units: a lens or
 DOUBT_ROUNDS: Final = 4  # of adjusting with other doubts: what is wrong is clearer the less it is believed
 FITTED: Final = 0.9  # share of its rows that its first pose explains: a camera that belongs, whatever was surveyed
 FEWEST_LEFT: Final = 3  # cameras: fewer would hang on the survey of two
+NOTHING_WITH_IT: Final = "with it nothing can be determined: check its lens file, its clock and its frames"
 GAUGE_SIGMA: Final = 1e-6  # baselines: holds a local frame without counting as knowledge
 
 
@@ -42,7 +44,8 @@ GAUGE_SIGMA: Final = 1e-6  # baselines: holds a local frame without counting as 
 class Refined:
     """The adjustment, its problem, and from where it was begun after all that was taken out. left_out: camera, why.
 
-    strain: the test of what survey, lens files and clocks claim, and what was doubted; None in a local frame.
+    strain: the test of what survey, lens files and clocks claim, and what was doubted; None in a local frame. turns:
+    of cameras whose pose changed in flight, and of whose tracks a part was left out for it.
     """
 
     adjusted: Adjusted
@@ -50,6 +53,7 @@ class Refined:
     initial: InitialEstimate
     left_out: dict[str, str]
     strain: Strain | None = None
+    turns: tuple[Turn, ...] = ()
 
 
 def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
@@ -60,10 +64,13 @@ def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
     attempt = _Attempt(inputs, initial, knots_s)
     while True:
         attempt.adjust()
-        if attempt.without_a_camera() or attempt.with_other_doubts() or attempt.with_all_rows():
+        if attempt.without_a_camera() or attempt.with_other_doubts() or attempt.without_a_turn():
+            continue
+        if attempt.with_all_rows():
             continue
         assert attempt.adjusted is not None
-        return Refined(attempt.adjusted, attempt.problem, attempt.initial, attempt.left_out, attempt.strain)
+        turns = tuple(attempt.turns)
+        return Refined(attempt.adjusted, attempt.problem, attempt.initial, attempt.left_out, attempt.strain, turns)
 
 
 @dataclass
@@ -72,6 +79,7 @@ class _Attempt:
 
     all_rows: whether they take part; which cameras belong and what is doubted is found on a part of many first.
     believed: what was begun with before the survey was doubted for the sake of a camera. doubted: about what, by round.
+    claimed: the doubts that were begun with.
     """
 
     inputs: Inputs
@@ -83,10 +91,15 @@ class _Attempt:
     all_rows: bool = False
     believed: InitialEstimate | None = None
     doubted: list[frozenset[object]] = field(default_factory=lambda: [frozenset()])
+    turns: list[Turn] = field(default_factory=list)
     adjusted: Adjusted | None = None
     strain: Strain | None = None
+    claimed: tuple[Believed, ...] = field(init=False)
     problem: Problem = field(init=False)
     estimate: FlightEstimate = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.claimed = self.initial.doubts
 
     def adjust(self) -> None:
         """Adjust what there is; `adjusted` stays None if a camera hardly saw anything, or nothing can be determined."""
@@ -117,8 +130,7 @@ class _Attempt:
         else:
             doubtful = _most_doubtful(self.initial)
             assert doubtful is not None
-            why = "with it nothing can be determined: check its lens file, its clock and its frames"
-            outcast, cameras = (doubtful, why), None
+            outcast, cameras = (doubtful, NOTHING_WITH_IT), None
         if outcast is None:
             return False
         if self._survey_first(outcast[0]):
@@ -165,6 +177,20 @@ class _Attempt:
         self._go_on(
             started(self.adjusted.estimate, self.problem, self.inputs.sites, self.strain.doubts), self.strain.doubts
         )
+        return True
+
+    def without_a_turn(self) -> bool:
+        """Leave out what a camera saw before or after it was turned, and doubt anew: until then others seemed wrong."""
+        assert self.adjusted is not None
+        turn = turned(self.adjusted, self.problem)
+        if turn is None or any(turn.camera == one.camera for one in self.turns):
+            return False
+        self.turns.append(turn)
+        cameras = self.adjusted.estimate.cameras
+        camera = next(camera for camera in cameras if camera.id == turn.camera)
+        tracks = {**self.initial.tracks, camera.id: turn.cut(camera, self.initial.tracks[camera.id])}
+        self._begin_again(replace(self.initial, cameras=cameras, tracks=tracks, doubts=self.claimed))
+        self.doubted, self.believed = [frozenset()], None
         return True
 
     def with_all_rows(self) -> bool:

@@ -82,7 +82,12 @@ def _report(timed: Timed, refined: Refined, *, evidence: bool) -> SolutionReport
     return SolutionReport(
         cameras=cameras,
         left_out=_left_out(timed, refined, {camera.id for camera in cameras}),
-        findings=(*inputs.found, *timed.found, *findings(cameras, inputs.sites, refined.strain)),
+        findings=(
+            *inputs.found,
+            *timed.found,
+            *(turn.found(inputs.t_mid_unix_ns) for turn in refined.turns),
+            *findings(cameras, inputs.sites, refined.strain),
+        ),
         strain=refined.strain,
         rms_px=rms_px(adjusted, problem),
         survey_rms_m=float(np.sqrt((misfits**2).sum(1).mean())) if len(misfits) else None,
