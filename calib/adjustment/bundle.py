@@ -6,7 +6,7 @@ holds (priors hold it, or the Schur complement refuses). Unknowns and residuals 
 priors.py; the control points are eliminated as Triggs et al. (2000, section 6) eliminate points.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -21,6 +21,7 @@ from calib.errors import CalibrationError
 
 WEIGHT_ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
 LAST_WEIGHT_ROUNDS: Final = 3  # with all rows, once a part of them is settled
+LEAST_ADJUSTED_PX: Final = 1e-3  # one sigma: no picture tells a centre better
 STEPS: Final = 8  # of Gauss-Newton between two rounds
 SETTLE_STEPS: Final = 40  # a beginning far off takes longer
 
@@ -43,6 +44,15 @@ def adjust(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds:
     weights: to begin with, rather too wide than too narrow. Raises CalibrationError if the observations leave a
     direction undetermined.
     """
+    try:
+        return _adjusted(problem, estimate, weights, rounds)
+    except CalibrationError:
+        # Rows without any noise: weights grew until, beside pixels, a double did not hold the survey any more.
+        return _adjusted(problem, estimate, replace(weights, least_sigma_px=LEAST_ADJUSTED_PX), rounds)
+
+
+def _adjusted(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds: int) -> Adjusted:
+    """The same for weights that a double may not hold."""
     for count in range(1, rounds + 1):
         descent = descend(Point.at(problem, estimate, weights), STEPS if count < rounds else SETTLE_STEPS)
         at, normal = descent.point, descent.point.normal()

@@ -9,9 +9,7 @@ from edge.common.arrays import Array
 CORE: Final = 2.5  # sigma: 95.6 % of good two-dimensional residuals lie within, 95 % efficiency is kept
 RAYLEIGH_MEDIAN: Final = 1.1774  # median length of a two-dimensional normal vector of unit sigma
 OF_NORMAL: Final = 0.9420  # weighted mean square of normal residuals of unit sigma, under robust_weight squared
-SMALLEST_SIGMA_PX: Final = (
-    1e-3  # no picture tells a centre better; far below, pixels outweigh jerk by more than a double holds
-)
+SMALLEST_SIGMA_PX: Final = 1e-8  # below it pixels outweigh priors by more than a double holds
 
 
 def robust_weight(length: Array) -> Array:

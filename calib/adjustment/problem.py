@@ -13,7 +13,7 @@ from calib.adjustment.noise import robust_cost, robust_weight
 from calib.adjustment.normal import Normal, NormalStep
 from calib.adjustment.priors import CameraPrior, moved
 from calib.adjustment.projection import CAMERA_SIZE, CameraData, Projected, project, unknowns_of
-from calib.adjustment.smoothness import Smoothness
+from calib.adjustment.smoothness import Smoothness, borne_by_two
 from calib.adjustment.weights import Fitted, Weights
 from calib.geometry.spline import Located
 from edge.common.arrays import Array
@@ -80,14 +80,14 @@ class Point:
     @classmethod
     def at(cls, problem: Problem, estimate: FlightEstimate, weights: Weights) -> "Point":
         """A point, the flight's size being what smoothness is relative to."""
-        return cls.of(problem, estimate, weights, Smoothness.at(estimate, weights.jerk_weight))
+        images = _images(problem, estimate)
+        borne = borne_by_two([(image.located, image.valid) for image in images], len(estimate.control))
+        return cls(problem, estimate, weights, Smoothness.at(estimate, weights.jerk_weight, borne), images)
 
     @classmethod
     def of(cls, problem: Problem, estimate: FlightEstimate, weights: Weights, smoothness: Smoothness) -> "Point":
         """A point of a prior on the flight that stays."""
-        pairs = zip(estimate.cameras, problem.data, strict=True)
-        images = tuple(project(camera, seen, estimate.flight, estimate.control) for camera, seen in pairs)
-        return cls(problem, estimate, weights, smoothness, images)
+        return cls(problem, estimate, weights, smoothness, _images(problem, estimate))
 
     def moved(self, step: NormalStep) -> "Point":
         """Where a step leads. Raises LensError if it makes a camera's lens none."""
@@ -183,3 +183,8 @@ class Whitened:
     def add_to(self, normal: Normal, at: slice) -> None:
         """Add them to normal equations, the camera's unknowns standing there."""
         normal.add_observations(self.located, self.by_point, self.by_camera, self.residual, at)
+
+
+def _images(problem: Problem, estimate: FlightEstimate) -> tuple[Projected, ...]:
+    pairs = zip(estimate.cameras, problem.data, strict=True)
+    return tuple(project(camera, seen, estimate.flight, estimate.control) for camera, seen in pairs)

@@ -5,16 +5,21 @@ together, against a survey that may be weak or, in a local frame, absent. The co
 flight's own size about its own middle: shrinking or shifting everything together gains nothing. Turning it gains
 nothing either, but a sum of squares made linear does not know that: its curvature would hold a roll that two surveyed
 cameras leave open, to a few hundredths of a radian. So its curvature along a turn and a scaling is taken out again.
+
+The size is that of the part which two cameras bear on. What nobody sees is held by smoothness alone; counted in, it
+flew off to where the flight was so large that jerk cost nothing, and pixels were fitted better than they deserve.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.adjustment.flight import FlightEstimate, jerk
 from calib.adjustment.normal import Normal
-from calib.geometry.spline import ORDER, THIRD_DIFFERENCE
+from calib.geometry.spline import ORDER, THIRD_DIFFERENCE, Located
 from edge.common.arrays import Array
 
 SMALLEST_CURVATURE: Final = 1e-9  # of the largest: a flight in a line does not change when turned about it
@@ -22,21 +27,24 @@ SMALLEST_CURVATURE: Final = 1e-9  # of the largest: a flight in a line does not 
 
 @dataclass(frozen=True)
 class Smoothness:
-    """weight: of a squared jerk integrated over time, for a flight of the size it was made at. square_reach: sum of
-    the squared distances of the control points from their mean, then.
+    """weight: of a squared jerk integrated over time, for a flight of the size it was made at. borne: (M,) of which
+    control points the size is taken. square_reach: sum of their squared distances from their mean, then.
     """
 
     weight: float
+    borne: NDArray[np.bool_]
     square_reach: float
 
     @classmethod
-    def at(cls, estimate: FlightEstimate, weight: float) -> "Smoothness":
-        """The prior whose weight holds for flights of this estimate's size."""
-        return cls(weight, float((_about_middle(estimate) ** 2).sum()))
+    def at(cls, estimate: FlightEstimate, weight: float, borne: NDArray[np.bool_]) -> "Smoothness":
+        """The prior whose weight holds for flights of this estimate's size. borne: (M,) what two cameras bear on."""
+        if not borne.any():
+            borne = np.ones_like(borne)
+        return cls(weight, borne, float((_about_middle(estimate, borne)[borne] ** 2).sum()))
 
     def _share(self, estimate: FlightEstimate) -> tuple[Array, float]:
-        away = _about_middle(estimate)
-        return away, self.square_reach / float((away**2).sum())
+        away = _about_middle(estimate, self.borne)
+        return away, self.square_reach / float((away[self.borne] ** 2).sum())
 
     def cost(self, estimate: FlightEstimate) -> float:
         """What the flight's jerk costs, in squared sigmas."""
@@ -57,12 +65,23 @@ class Smoothness:
                 np.add.at(normal.block[k], first + i, value * np.eye(3))
         normal.slack = _slack(estimate, away, information)
         # The derivative of the share: what growing would gain is what the jerk then costs more.
-        normal.right_control += self.cost(estimate) * away / float((away**2).sum())
+        sized = away * self.borne[:, None]
+        normal.right_control += self.cost(estimate) * sized / float((sized**2).sum())
 
 
-def _about_middle(estimate: FlightEstimate) -> Array:
-    """(M, 3) control points from their mean: about any fixed point a flight would gain by moving away from it."""
-    away: Array = estimate.control - estimate.control.mean(0)
+def borne_by_two(located: Sequence[tuple[Located, NDArray[np.bool_]]], controls: int) -> NDArray[np.bool_]:
+    """(M,) the control points that rows of two cameras or more bear on. located: of each camera, and its valid rows."""
+    cameras = np.zeros(controls, np.int64)
+    for own, valid in located:
+        cameras[np.unique(own.controls()[valid])] += 1
+    return cameras >= 2
+
+
+def _about_middle(estimate: FlightEstimate, borne: NDArray[np.bool_]) -> Array:
+    """(M, 3) control points from the mean of those that count: about any fixed point a flight would gain by moving
+    away from it.
+    """
+    away: Array = estimate.control - estimate.control[borne].mean(0)
     return away
 
 

@@ -7,7 +7,7 @@ claim to. And a circle: a camera of more weight is fitted better, and being fitt
 degrees of freedom that its own pull has used up are counted, and a camera with few is held to what all show together.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -35,12 +35,14 @@ class Weights:
 
     sigma_px: (C,) one sigma of a pixel coordinate by camera. interval_s: (C,) between a camera's rows. correlation_s:
     the time in which the pixels of any camera say as much as one. jerk_density: of the flight's jerk, m^2/s^5.
+    least_sigma_px: no camera's is taken to be smaller.
     """
 
     sigma_px: Array
     interval_s: Array
     correlation_s: float
     jerk_density: float
+    least_sigma_px: float = SMALLEST_SIGMA_PX
 
     @property
     def correlated(self) -> Array:
@@ -85,11 +87,13 @@ def renewed(
     common = np.exp(np.mean(np.log(variance)))
     own = freedoms / old.correlated
     sigma = np.sqrt((own * variance + COMMON_FREEDOMS * common) / (own + COMMON_FREEDOMS))
+    sigma = np.maximum(sigma, old.least_sigma_px)
     lost = float(np.exp(np.mean(np.log(old.sigma_px / sigma)))) ** 2
     shortest = float(old.interval_s.min())
     spread = disagreement(old, estimate, fitted, normal, factor)
     correlation = max(max(old.correlation_s, shortest) * spread * lost, shortest)
-    return Weights(sigma, old.interval_s, correlation, _jerk_density(estimate, local / old.typical_correlated))
+    jerk_density = _jerk_density(estimate, local / old.typical_correlated)
+    return replace(old, sigma_px=sigma, correlation_s=correlation, jerk_density=jerk_density)
 
 
 def _variance(weighing_sigma_px: float, part: Fitted, local: Array) -> tuple[float, float]:

@@ -140,12 +140,13 @@ class PriorTest:
 
     def gains(self, parts: Array) -> Array:
         """(D,) by how much it grows if the priors' covariance is larger by each parts @ parts.T; parts: (D, K', r)."""
-        within = self.frame.T @ parts
-        weighted = np.swapaxes(within / self.variance[:, None], 1, 2)
-        pull = weighted @ self.off
-        inner = np.eye(parts.shape[2]) + weighted @ within
-        quadratic = np.einsum("di,di->d", pull, np.linalg.solve(inner, pull[:, :, None])[:, :, 0])
-        gain: Array = 0.5 * (quadratic - np.linalg.slogdet(inner)[1])
+        within = self.frame.T @ parts / np.sqrt(self.variance)[:, None]
+        across = np.swapaxes(within, 1, 2)
+        # 1 + W' W: never singular, though rounding says otherwise where a prior is widened by much.
+        values, vectors = np.linalg.eigh(np.eye(parts.shape[2]) + across @ within)
+        values = np.maximum(values, 1.0)
+        pull = np.swapaxes(vectors, 1, 2) @ (across @ (self.off / np.sqrt(self.variance)))[:, :, None]
+        gain: Array = 0.5 * (pull[:, :, 0] ** 2 / values - np.log(values)).sum(axis=1)
         return gain
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from calib.adjustment.bundle import Adjusted, settle
 from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.problem import Problem
+from calib.adjustment.weights import Weights
 from calib.errors import CalibrationError
 from calib.geometry.rotation import rotation
 from calib.geometry.similarity import HOLD_A_FRAME, Similarity, about, fit_similarity
@@ -27,6 +28,7 @@ from edge.common.arrays import Array
 MOST_RIVALS: Final = 6  # explanations that are gone on with; more are as good as nobody's
 TURNS_RAD: Final = np.radians(np.arange(-60.0, 61.0)).tolist()  # an adjustment goes on from within a degree
 LIKELIER: Final = 20.0  # times: less is no reason to turn a world over
+OFFERED: Final = 2.0  # squared sigmas that a rival costs more than the cheapest, from which on it is tried from there
 ROWS: Final = 2000  # enough for a hundred unknowns; each rival costs an adjustment
 
 
@@ -40,19 +42,41 @@ def told_apart(
         return doubts
     coarse = problem.thinned(max(1, problem.row_count // ROWS))
     weights = replace(adjusted.weights, interval_s=coarse.interval_s)
-    support = []
-    for one in rivals:
-        alone = replace(coarse, widened=widening((*certain, one.as_likeliest), coarse.prior))
-        try:
-            estimate, cost = settle(alone, started(adjusted.estimate, alone, sites, (one,)), weights)
-        except CalibrationError:
-            return doubts  # so little is known without it that nothing can be told
-        level = log_likelihood(levels(estimate.cameras, sites).value)
-        support.append(np.log(one.as_likeliest.doubt.odds) + level - cost / 2)
+    alone = [replace(coarse, widened=widening((*certain, one.as_likeliest), coarse.prior)) for one in rivals]
+    try:
+        settled = _settled(adjusted.estimate, alone, rivals, sites, weights)
+    except CalibrationError:
+        return doubts  # so little is known without it that nothing can be told
+    support = [
+        np.log(one.as_likeliest.doubt.odds) + log_likelihood(levels(estimate.cameras, sites).value) - cost / 2
+        for one, (estimate, cost) in zip(rivals, settled, strict=True)
+    ]
     share = np.exp(np.array(support) - max(support))
     share *= sum(one.probability for one in rivals) / share.sum()
     left = [replace(one, probability=float(p)) for one, p in zip(rivals, share, strict=True) if p > UNLIKELY]
     return most_probable_first((*certain, *left))
+
+
+def _settled(
+    estimate: FlightEstimate,
+    alone: list[Problem],
+    rivals: tuple[Believed, ...],
+    sites: dict[str, SiteCamera],
+    weights: Weights,
+) -> list[tuple[FlightEstimate, float]]:
+    """Where each rival settles, and at what cost.
+
+    A better flight that one of them finds on its way is offered to all: it has nothing to do with what they differ in,
+    and would be taken for evidence. Raises CalibrationError.
+    """
+    pairs = list(zip(alone, rivals, strict=True))
+    settled = [settle(problem, started(estimate, problem, sites, (one,)), weights) for problem, one in pairs]
+    best, least = min(settled, key=lambda found: found[1])
+    for index, (problem, one) in enumerate(pairs):
+        if settled[index][1] - least > OFFERED:
+            again = settle(problem, started(best, problem, sites, (one,)), weights)
+            settled[index] = min(settled[index], again, key=lambda found: found[1])
+    return settled
 
 
 def started(

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from calib.adjustment.flight import FlightEstimate
+from calib.adjustment.flight import FlightEstimate, jerk
 from calib.adjustment.normal import Normal
-from calib.adjustment.smoothness import Smoothness
+from calib.adjustment.smoothness import Smoothness, borne_by_two
 from calib.errors import CalibrationError
 from calib.geometry.rotation import rotation
 from calib.geometry.spline import ORDER, Flight
@@ -29,10 +30,15 @@ def flown(seed: int, spans: tuple[int, ...] = (9,)) -> FlightEstimate:
     return FlightEstimate((), flight, np.random.default_rng(seed).normal(0, 20, (flight.controls, 3)) + 50.0)
 
 
+def every(estimate: FlightEstimate) -> NDArray[np.bool_]:
+    """As if two cameras bore on all of it."""
+    return np.ones(len(estimate.control), bool)
+
+
 def system(estimate: FlightEstimate) -> tuple[Array, Array, Array]:
     """The dense curvature (3M, 3M) that the prior puts into the band, its slack, and its gradient of half the cost."""
     normal = Normal.zero(len(estimate.control), 0)
-    Smoothness.at(estimate, WEIGHT).add_to(normal, estimate)
+    Smoothness.at(estimate, WEIGHT, every(estimate)).add_to(normal, estimate)
     M = len(estimate.control)
     dense = np.zeros((3 * M, 3 * M))
     for k in range(ORDER):
@@ -53,7 +59,7 @@ def unchanging(estimate: FlightEstimate) -> Array:
 @given(seed=st.integers(0, 10**6), scale=st.floats(0.1, 10))
 def test_moving_turning_and_scaling_the_whole_costs_nothing(seed: int, scale: float) -> None:
     estimate, rng = flown(seed), np.random.default_rng(seed)
-    prior = Smoothness.at(estimate, WEIGHT)
+    prior = Smoothness.at(estimate, WEIGHT, every(estimate))
     control = scale * estimate.control @ rotation(rng.normal(size=3).tolist()).T + rng.normal(0, 100, 3)
     assert prior.cost(replace(estimate, control=control)) == pytest.approx(prior.cost(estimate), rel=1e-9)
 
@@ -79,7 +85,7 @@ def test_no_curvature_along_what_changes_nothing_and_all_of_it_across(seed: int,
 @given(seed=st.integers(0, 10**6))
 def test_the_pull_is_the_slope_of_the_cost(seed: int) -> None:
     estimate = flown(seed)
-    prior, (_, _, gradient) = Smoothness.at(estimate, WEIGHT), system(estimate)
+    prior, (_, _, gradient) = Smoothness.at(estimate, WEIGHT, every(estimate)), system(estimate)
     direction = np.random.default_rng(seed + 1).normal(size=estimate.control.shape)
     step = 1e-3
 
@@ -89,6 +95,32 @@ def test_the_pull_is_the_slope_of_the_cost(seed: int) -> None:
     slope = (cost(step) - cost(-step)) / (2 * step)
     # The cost's own rounding, 1e-16 of it, over the step.
     assert slope / 2 == pytest.approx(float(gradient @ direction.ravel()), rel=1e-5, abs=1e-12 * cost(0.0))
+
+
+@given(seed=st.integers(0, 10**6), far_m=st.floats(1e2, 1e7))
+def test_what_nobody_sees_gains_nothing_by_flying_off(seed: int, far_m: float) -> None:
+    """Counted in, it made the flight so large that jerk cost nothing any more."""
+    estimate = flown(seed)
+    borne = every(estimate)
+    borne[:4] = False
+    prior = Smoothness.at(estimate, WEIGHT, borne)
+    away = np.random.default_rng(seed).normal(size=estimate.control.shape) * far_m
+    moved = replace(estimate, control=estimate.control + away * ~borne[:, None])
+    counted = float((jerk(moved.flight, moved.control) ** 2).sum()) * moved.flight.spacing_s * WEIGHT
+    assert prior.cost(moved) == pytest.approx(counted, rel=1e-12), "all its jerk counts, however far it flew"
+
+
+def test_two_cameras_bear_on_a_point_where_rows_of_both_fall() -> None:
+    estimate = flown(1, (9, 9))
+    flight = estimate.flight
+    one = flight.locate(np.array([0.1, 1.0, 4.0]), np.zeros(3, np.int64))
+    two = flight.locate(np.array([1.1, 19.5, 22.0]), np.array([0, 1, 1]))
+    all_valid = np.ones(3, bool)
+    found = borne_by_two([(one, all_valid), (two, all_valid)], flight.controls)
+    shared = set(one.controls().ravel()) & set(two.controls().ravel())
+    assert shared
+    assert set(np.nonzero(found)[0]) == shared
+    assert not borne_by_two([(one, all_valid), (two, ~all_valid)], flight.controls).any()
 
 
 def bent(x: Array) -> Array:

@@ -13,8 +13,7 @@ from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.normal import factorise
 from calib.adjustment.priors import moved
 from calib.adjustment.problem import Point, Problem
-from calib.adjustment.projection import CAMERA_SIZE, LENS, centre_of, project, unknowns_of
-from calib.adjustment.smoothness import Smoothness
+from calib.adjustment.projection import CAMERA_SIZE, LENS, centre_of, unknowns_of
 from calib.adjustment.uncertainty import camera_covariance
 from calib.simulation.simulation import simulate
 from calib.solving.doubts import Claim, Doubt, directions
@@ -235,11 +234,9 @@ def refined(inputs: Inputs) -> Refined:
 
 def stopped_at(problem: Problem, estimate: FlightEstimate, settled: Adjusted) -> Adjusted:
     """An adjustment that was given up there."""
-    pairs = zip(estimate.cameras, problem.data, strict=True)
-    projected = tuple(project(camera, seen, estimate.flight, estimate.control) for camera, seen in pairs)
-    smoothness = Smoothness.at(estimate, settled.weights.jerk_weight)
-    normal = Point(problem, estimate, settled.weights, smoothness, projected).normal()
-    return replace(settled, estimate=estimate, normal=normal, factor=factorise(normal), projected=projected)
+    point = Point.at(problem, estimate, settled.weights)
+    normal = point.normal()
+    return replace(settled, estimate=estimate, normal=normal, factor=factorise(normal), projected=point.projected)
 
 
 def test_what_pixels_say_does_not_depend_on_what_was_believed_beforehand(refined: Refined) -> None:
