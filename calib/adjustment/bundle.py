@@ -44,20 +44,18 @@ def adjust(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds:
     weights: to begin with, rather too wide than too narrow. Raises CalibrationError if the observations leave a
     direction undetermined.
     """
-    try:
-        return _adjusted(problem, estimate, weights, rounds)
-    except CalibrationError:
-        # Rows without any noise: weights grew until, beside pixels, a double did not hold the survey any more.
-        return _adjusted(problem, estimate, replace(weights, least_sigma_px=LEAST_ADJUSTED_PX), rounds)
-
-
-def _adjusted(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds: int) -> Adjusted:
-    """The same for weights that a double may not hold."""
+    begun = estimate, weights
     for count in range(1, rounds + 1):
         descent = descend(Point.at(problem, estimate, weights), STEPS if count < rounds else SETTLE_STEPS)
         at, normal = descent.point, descent.point.normal()
         estimate = at.estimate
-        factor = _factorise(normal)
+        try:
+            factor = _factorise(normal)
+        except CalibrationError:
+            if weights.sigma_px.min() >= LEAST_ADJUSTED_PX or weights.least_sigma_px >= LEAST_ADJUSTED_PX:
+                raise
+            # Rows without any noise: weights grew until, beside pixels, a double did not hold the survey any more.
+            return adjust(problem, begun[0], replace(begun[1], least_sigma_px=LEAST_ADJUSTED_PX), rounds)
         new = renewed(weights, estimate, at.fitted(), normal, factor)
         if (descent.settled and steady(weights, new)) or count == rounds:
             break

@@ -124,7 +124,7 @@ class Tracker:
         if number is None:
             self.counters["uncalibrated"] += 1
             return []
-        t_s = self._middle_s(number, frame)
+        t_s, rows_s = self._exposed_s(number, frame)
         self._common.note(frame.camera, t_s)
         now_s, horizon_s = self._common.now_s, self._options.reorder_horizon_s
         moved: list[int] = []
@@ -134,28 +134,28 @@ class Tracker:
             self.counters["early"] += 1
             self.counters["overflown"] += not self._common.hold(frame, t_s)
         else:
-            moved = self._take(number, frame, t_s)
+            moved = self._take(number, frame, t_s, rows_s)
         for held in self._common.due(now_s):
             moved += self._take_held(held)
         return moved
 
-    def _middle_s(self, number: int, frame: Frame) -> float:
-        """Site time of a frame's middle row."""
-        middle = np.array([(self.network.cameras[number].lens.size_px[1] - 1) / 2])
-        return float(self._rows_s(number, frame.t_unix_ns, middle)[0])
-
-    def _rows_s(self, number: int, t_unix_ns: int, v_px: Array) -> Array:
+    def _exposed_s(self, number: int, frame: Frame) -> tuple[float, Array]:
+        """Site times of a frame's middle row, and (K,) of its detections' rows."""
         camera = self.network.cameras[number]
-        return camera.site_time_s(np.full(len(v_px), t_unix_ns), v_px, self.network.t_mid_unix_ns)
+        rows_s = camera.site_time_s(
+            np.full(len(frame.pixels) + 1, frame.t_unix_ns),
+            np.append(frame.pixels[:, 1], (camera.lens.size_px[1] - 1) / 2),
+            self.network.t_mid_unix_ns,
+        )
+        return float(rows_s[-1]), rows_s[:-1]
 
     def _take_held(self, frame: Frame) -> list[int]:
         """A frame whose time has come; its camera may have been taken out meanwhile."""
         number = self._number.get(frame.camera)
-        return [] if number is None else self._take(number, frame, self._middle_s(number, frame))
+        return [] if number is None else self._take(number, frame, *self._exposed_s(number, frame))
 
-    def _take(self, number: int, frame: Frame, t_s: float) -> list[int]:
+    def _take(self, number: int, frame: Frame, t_s: float, rows_s: Array) -> list[int]:
         self._newest_s = max(self._newest_s, t_s)
-        rows_s = self._rows_s(number, frame.t_unix_ns, frame.pixels[:, 1])
         rays = Rays(frame.pixels, rows_s - t_s, frame.sigma_px)
         taken, moved = self._associate(number, frame.label, rays, t_s)
         for k in np.nonzero(~taken)[0]:
