@@ -17,15 +17,14 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from calib.station.config import BaseConfig, CameraSection, SiteSection
 from calib.station.core.calibration import reduced
 from calib.station.core.jobs import Solved, SolveResult
 from calib.station.core.station import Station, Tick
-from calib.station.core.stored_state import StoredState
 from edge.messages import camera_key, encode
 from tools.bench.station_tracking import Watch
 from tools.doubles.box_messages import EPOCH, SITE, Sent, seen_frames, state_messages
-from tools.doubles.flight import ORIGIN, T0_UNIX_NS, Scene, Spec, frames, make
+from tools.doubles.core_station import station_for
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make
 from tools.doubles.tracks import tracks_message
 
 ROUND_S = 300.0
@@ -62,9 +61,7 @@ def stream(scene: Scene, rounds: int) -> Iterator[tuple[int, Sent]]:
 def play(spec: Spec, hours: float) -> Day:
     """Feed a calibrated station with hours of a scene."""
     scene = make(spec)
-    sections = [CameraSection(id=camera.id) for camera in scene.truth]
-    config = BaseConfig(site=SiteSection(name=SITE, origin=ORIGIN, undulation_m=47.0), camera=sections)
-    day = Day(Station(config, {s.id: s for s in sections}, StoredState()), scene)
+    day = Day(station_for(scene), scene)
     day.station.adopt(scene.network)
     rounds, hour, watch = round(hours * 3600 / ROUND_S), -1, Watch(scene)
     for number, sent in stream(scene, rounds):

@@ -20,11 +20,10 @@ from typing import Final
 
 import numpy as np
 
-from calib.station.config import BaseConfig, CameraSection, SiteSection
 from calib.station.core.station import Station
-from calib.station.core.stored_state import StoredState
-from tools.doubles.box_messages import SITE, state_messages, tracks_messages
-from tools.doubles.flight import ORIGIN, T0_UNIX_NS
+from tools.doubles.box_messages import state_messages, tracks_messages
+from tools.doubles.core_station import station_for
+from tools.doubles.flight import T0_UNIX_NS
 from tools.doubles.guard_scenes import EVENT_S, QUIET, GuardScene, draw, shift_sigma, visible_s
 
 WRONG_SIGMA: Final = 4.0  # of a position's own 3D sigma: farther off it is confidently wrong
@@ -68,7 +67,7 @@ def run(number: int, cameras: tuple[int, ...]) -> Outcome:
     drawn = draw(number, cameras)
     began = time.process_time()
     out = Outcome(drawn.name, drawn.kind, drawn.scene.spec.cameras)
-    station = _station(drawn)
+    station = station_for(drawn.scene)
     for message in state_messages(drawn.scene):
         station.handle(message.key, message.payload, message.arrival_ns)
     station.adopt(drawn.scene.network)
@@ -89,12 +88,6 @@ def run(number: int, cameras: tuple[int, ...]) -> Outcome:
                 _score(out, sigma, at_s, visible(message.arrival_ns))
     out.cpu_s = time.process_time() - began
     return out
-
-
-def _station(drawn: GuardScene) -> Station:
-    sections = [CameraSection(id=camera.id) for camera in drawn.scene.truth]
-    config = BaseConfig(site=SiteSection(name=SITE, origin=ORIGIN), camera=sections)
-    return Station(config, {section.id: section for section in sections}, StoredState())
 
 
 def _hear(out: Outcome, drawn: GuardScene, station: Station, at_s: float, seen_s: float) -> None:

@@ -13,20 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from calib.station.archive.recording import Recorder
-from calib.station.config import BaseConfig, CameraSection, EndpointSection, MavlinkSection, SiteSection
+from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.core.station import Station
-from calib.station.core.stored_state import StoredState
 from calib.station.outputs.mavlink.messages import MavlinkContext
 from calib.station.outputs.mavlink.port import MavlinkPort
 from tools.doubles.box_messages import SITE, Sent, messages
+from tools.doubles.core_station import station_for
 from tools.doubles.flight import ORIGIN, Scene, Spec, make
 
 
-def station_for(scene: Scene) -> Station:
+def calibrated(scene: Scene) -> Station:
     """A calibrated station."""
-    sections = [CameraSection(id=camera.id) for camera in scene.truth]
-    site = SiteSection(name=SITE, origin=ORIGIN, undulation_m=47.0)
-    station = Station(BaseConfig(site=site, camera=sections), {s.id: s for s in sections}, StoredState())
+    station = station_for(scene)
     station.adopt(scene.network)
     return station
 
@@ -39,7 +37,7 @@ def port() -> MavlinkPort:
 
 def run(scene: Scene, stream: Iterator[Sent], folder: Path) -> tuple[np.ndarray, int]:
     """CPU ms of every message, from bytes received to MAVLink frames ready; and frames made."""
-    station, out, recorder = station_for(scene), port(), Recorder(folder, SITE, min_free_mb=1)
+    station, out, recorder = calibrated(scene), port(), Recorder(folder, SITE, min_free_mb=1)
     spent, made = [], 0
     for sent in stream:
         began = time.process_time_ns()

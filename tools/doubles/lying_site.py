@@ -6,15 +6,13 @@ from typing import Final
 import numpy as np
 
 from calib.errors import CalibrationError
-from calib.station.config import BaseConfig, CameraSection, SiteSection
 from calib.station.core.jobs import SolveJob, SolveResult
 from calib.station.core.outgoing import OutgoingTarget
-from calib.station.core.station import Station
-from calib.station.core.stored_state import StoredState
 from calib.station.live_solver import LiveSolver
 from edge.common.units import NS
-from tools.doubles.box_messages import SITE, messages
-from tools.doubles.flight import ORIGIN, T0_UNIX_NS, Scene, Spec, make
+from tools.doubles.box_messages import messages
+from tools.doubles.core_station import station_for
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, make
 from tools.doubles.liars import LIAR, Liar, Lie
 from tools.doubles.truth import CHI2_3_999
 
@@ -66,9 +64,7 @@ class _Site:
     """A station in virtual time, its solver in this process."""
 
     def __init__(self, scene: Scene, lie: Lie, out: Outcome) -> None:
-        sections = [CameraSection(id=camera.id) for camera in scene.truth]
-        config = BaseConfig(site=SiteSection(name=SITE, origin=ORIGIN), camera=sections)
-        self.station = Station(config, {section.id: section for section in sections}, StoredState())
+        self.station = station_for(scene)
         self._scene, self._lie, self._out = scene, lie, out
         self._solver = LiveSolver()
         self._due: tuple[int, SolveResult] | None = None

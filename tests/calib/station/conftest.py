@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from calib.network import Network
-from calib.station.config import BaseConfig, CalibrationSection, CameraSection, SiteSection
+from calib.station.config import CalibrationSection
 from calib.station.core.calibration import reduced
 from calib.station.core.jobs import Solved, SolveResult
 from calib.station.core.outgoing import OutgoingTarget
 from calib.station.core.station import Station
 from calib.station.core.stored_state import StoredState
-from tools.doubles.box_messages import SITE, Sent, messages
-from tools.doubles.flight import ORIGIN, T0_UNIX_NS, Scene, Spec, make
+from tools.doubles import core_station
+from tools.doubles.box_messages import Sent, messages
+from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, make
 
 Answer = Callable[[Network], Solved]
 Change = Callable[[Sent], Iterator[Sent]]
@@ -70,11 +71,8 @@ class Fed:
 
 
 def station_for(scene: Scene, memory: StoredState | None = None) -> Station:
-    """A station configured for a scene."""
-    sections = [CameraSection(id=camera.id) for camera in scene.truth]
-    site = SiteSection(name=SITE, origin=ORIGIN, undulation_m=47.0)
-    config = BaseConfig(site=site, camera=sections, calibration=CalibrationSection(first_solve_s=3.0))
-    return Station(config, {section.id: section for section in sections}, memory or StoredState())
+    """A station configured for a scene, that asks for a solve soon."""
+    return core_station.station_for(scene, memory, CalibrationSection(first_solve_s=3.0))
 
 
 @pytest.fixture
