@@ -6,7 +6,7 @@ holds (priors hold it, or the Schur complement refuses). Unknowns and residuals 
 priors.py; the control points are eliminated as Triggs et al. (2000, section 6) eliminate points.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -55,7 +55,7 @@ def adjust(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds:
             if weights.sigma_px.min() >= LEAST_ADJUSTED_PX or weights.least_sigma_px >= LEAST_ADJUSTED_PX:
                 raise
             # Rows without any noise: weights grew until, beside pixels, a double did not hold the survey any more.
-            return adjust(problem, begun[0], replace(begun[1], least_sigma_px=LEAST_ADJUSTED_PX), rounds)
+            return adjust(problem, begun[0], begun[1].at_least(LEAST_ADJUSTED_PX), rounds)
         new = renewed(weights, estimate, at.fitted(), normal, factor)
         if (descent.settled and steady(weights, new)) or count == rounds:
             break

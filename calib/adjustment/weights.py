@@ -44,6 +44,10 @@ class Weights:
     jerk_density: float
     least_sigma_px: float = SMALLEST_SIGMA_PX
 
+    def at_least(self, sigma_px: float) -> "Weights":
+        """The same with no camera's sigma smaller than that, now and when they are renewed."""
+        return replace(self, sigma_px=np.maximum(self.sigma_px, sigma_px), least_sigma_px=sigma_px)
+
     @property
     def correlated(self) -> Array:
         """(C,) how many of a camera's rows say as much as one."""
