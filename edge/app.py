@@ -1,4 +1,4 @@
-"""The camera box's command line: `edge-node [run|check|lens]`.
+"""The camera box's command line: `edge-node [run|check|lens|detect]`.
 
 Exit codes: 0 done, 1 it could not be done (the reason and the next action on stderr), 2 wrong usage or configuration.
 """
@@ -48,10 +48,11 @@ def _parser() -> argparse.ArgumentParser:
         epilog="exit codes: 0 done, 1 it could not be done, 2 wrong usage or configuration",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s (skyfix) {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="run|check|lens")
+    commands = parser.add_subparsers(required=True, metavar="run|check|lens|detect")
     _add_run(commands)
     _add_check(commands)
     _add_lens(commands)
+    _add_detect(commands)
     return parser
 
 
@@ -82,6 +83,25 @@ def _add_lens(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     lens.add_argument("--model", choices=measured_names(), default=DEFAULT_LENS, help=f"default: {DEFAULT_LENS}")
     lens.add_argument("-o", "--output", required=True, type=Path, metavar="LENS.toml", help="where to write the lens")
     lens.set_defaults(command=_lens)
+
+
+def _add_detect(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    detect = commands.add_parser(
+        "detect", help="write what the model sees in a recording: rows and a sheet of pictures"
+    )
+    detect.add_argument("source", metavar="VIDEO|FOLDER", help="a video file, or a folder of pictures")
+    detect.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="TRACKS", help="track folder: TRACKS/tracks/CAMERA.csv"
+    )
+    detect.add_argument("--camera", metavar="ID", help="its name there; of a configuration, which camera's (the first)")
+    detect.add_argument("--model", type=Path, metavar="FILE", help="ONNX model; default: the shipped one")
+    detect.add_argument("--mask", type=Path, metavar="FILE", help="regions that are left out")
+    detect.add_argument(
+        "--config", type=Path, metavar="FILE", help="take lens, mask, detector and gate of a box's camera"
+    )
+    detect.add_argument("--t0", type=int, metavar="UNIX_NS", help="UTC of the first frame, ns since 1970")
+    detect.add_argument("--fps", type=float, metavar="F", help="frames a second, where the recording has no times")
+    detect.set_defaults(command=_detect)
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -118,7 +138,7 @@ def _preview(where: str | None, worker: "CameraWorker") -> contextlib.AbstractCo
     """The preview of a camera; of the first one, where a box has several and none was chosen."""
     from edge.pictures.preview import Preview  # noqa: PLC0415
 
-    return Preview(where, worker.glance) if where else contextlib.nullcontext()
+    return Preview(where, worker.glance, worker.mask) if where else contextlib.nullcontext()
 
 
 def _only(config: BoxConfig, camera: str | None, file: Path) -> BoxConfig:
@@ -159,6 +179,14 @@ def _lens(arguments: argparse.Namespace) -> int:
     from edge.commands.lens import measure  # noqa: PLC0415
 
     print(measure(arguments))
+    return DONE
+
+
+def _detect(arguments: argparse.Namespace) -> int:
+    from edge.commands.detect import detect  # noqa: PLC0415
+
+    logging.basicConfig(level="ERROR", format="%(name)s: %(message)s", stream=sys.stderr)
+    print(detect(arguments))
     return DONE
 
 

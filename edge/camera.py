@@ -19,6 +19,7 @@ from edge.common.health import SEVERITY, Check
 from edge.common.own_thread import OwnThread
 from edge.common.utc import Dated
 from edge.config import BoxConfig, CameraConfig, load_lens
+from edge.detector.mask_file import load_mask
 from edge.detector.opening import open_detector
 from edge.gate import TrackRow
 from edge.messages import Tracks
@@ -52,10 +53,11 @@ class CameraWorker(OwnThread):
         super().__init__(f"camera-{camera.id}", CAMERA_CLOSE_S)
         self.camera = camera
         self.lens = load_lens(camera, config_file)
+        self.mask = load_mask(camera, config_file, self.lens.size_px)
         self.error: SkyfixError | None = None
         self._publish = publish
         settings = box.detector_of(camera)
-        self._detector = open_detector(settings, background=not is_lossless(camera))
+        self._detector = open_detector(settings, background=not is_lossless(camera), mask=self.mask)
         facts = CameraFacts(camera.id, self.lens, camera.readout_s, box.gate_of(camera), epoch)
         self.pipeline = Pipeline(facts, self._detector, clock_bound_s)
         self._side_by_side = (

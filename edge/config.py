@@ -187,6 +187,7 @@ class CameraConfig(Section, frozen=True, kw_only=True):
     id: Annotated[Name, Meta(description="unique on the site, and the same in the base's list")]
     source: SourceConfig
     lens: Annotated[str | LensConfig, Meta(description="a lens file, or the numbers themselves")]
+    mask: Annotated[str, Meta(description="a file of regions that the detector leaves out; empty for none")] = ""
     readout_s: Annotated[
         Readout | None,
         Meta(description="first to last row of a rolling shutter, 0 for a global one; left out: not known"),

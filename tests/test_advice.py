@@ -18,6 +18,7 @@ from calib.station.archive.sitefile import SiteFile
 from calib.station.config import BaseConfig
 from calib.station.survey.store import Survey
 from edge.config import BoxConfig
+from edge.detector.mask_file import MaskConfig
 from tests.places import ROOT
 from tests.programs import Words, actions, options, parsers
 
@@ -132,7 +133,7 @@ def test_every_option_that_a_message_names_exists() -> None:
 def sections() -> dict[str, set[str]]:
     """The keys of every table of both configurations, of a survey and a site.toml, by the table's name."""
     found: dict[str, set[str]] = {}
-    for kind in (BaseConfig, BoxConfig, Survey, SiteFile):
+    for kind in (BaseConfig, BoxConfig, MaskConfig, Survey, SiteFile):
         for path, table in _tables(kind, ""):
             found.setdefault(path, set()).update(field.encode_name for field in msgspec.structs.fields(table))
     return found

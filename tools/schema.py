@@ -18,6 +18,7 @@ import msgspec
 from calib.station.commands.router import RouterConfig
 from calib.station.config import BaseConfig
 from edge.config import BoxConfig, LensConfig
+from edge.detector.mask_file import MaskConfig
 from edge.messages import MESSAGES, VERSION, Backlog, Inventory, json_schema
 
 FOLDER: Final = Path(__file__).parents[1] / "deploy" / "schema"
@@ -26,6 +27,7 @@ CONFIGURATIONS: Final[dict[str, type[msgspec.Struct]]] = {
     "base.toml": BaseConfig,
     "router.toml": RouterConfig,
     "lens.toml": LensConfig,
+    "mask.toml": MaskConfig,
 }
 
 

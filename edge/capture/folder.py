@@ -70,6 +70,11 @@ class ImageFolder:
         self._files = self._follow() if follow else iter(self._names())
 
     @property
+    def frames_said(self) -> int:
+        """How many pictures there are, now."""
+        return len(self._names())
+
+    @property
     def remarks(self) -> list[Remark]:
         """How its pictures are dated, and what was left out."""
         return list(self._remarks.values())

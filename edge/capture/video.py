@@ -91,6 +91,11 @@ class VideoFile:
         self._repeats = 0
 
     @property
+    def frames_said(self) -> int:
+        """How many frames the file says it has; 0 where it does not."""
+        return max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+
+    @property
     def remarks(self) -> list[Remark]:
         """What is to be known of the file: how its times are, what of it is damaged."""
         return list(self._remarks)

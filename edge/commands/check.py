@@ -15,11 +15,13 @@ import msgspec
 
 from edge.capture import is_lossless, open_source
 from edge.capture.address import shown
+from edge.capture.frame import FrameSource
 from edge.clock.monitor import ClockMonitor
 from edge.clock.state import check_clock
 from edge.common.errors import ConfigError, SkyfixError
 from edge.common.health import Check, HealthLevel
 from edge.config import BoxConfig, CameraConfig, load_lens
+from edge.detector.mask_file import load_mask
 from edge.detector.opening import open_detector
 from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.receiver import Receiver, check_antenna
@@ -67,17 +69,24 @@ def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
 
 def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock: ClockMonitor) -> Iterator[Check]:
     """The camera's lens, its frames and their time, its detector and how long it takes."""
+    name = "lens"
     try:
         lens = load_lens(camera, config_file)
+        name = "mask"
+        mask = load_mask(camera, config_file, lens.size_px)
     except ConfigError as error:
-        yield failure(f"lens {camera.id}", error)
+        yield failure(f"{name} {camera.id}", error)
         return
     yield Check(
         f"lens {camera.id}", "ok", f"{lens.model}, focal length {lens.intrinsics[0]:.1f} px, rms {lens.rms_px} px"
     )
+    if mask is not None:
+        yield Check(
+            f"mask {camera.id}", "ok", f"{len(mask.regions)} regions, {mask.share:.1%} of the picture is left out"
+        )
     stop = threading.Event()
     try:
-        detector = open_detector(box.detector_of(camera), background=not is_lossless(camera))
+        detector = open_detector(box.detector_of(camera), background=not is_lossless(camera), mask=mask)
         facts = CameraFacts(camera.id, lens, camera.readout_s, box.gate_of(camera), epoch=0)
         pipeline = Pipeline(facts, detector, clock.bound_s)
         source = open_source(camera, colour=detector.colour, stop=stop, date=clock.date)
@@ -85,40 +94,44 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
         yield failure(f"camera {camera.id}", error)
         return
     try:
-        spent_s: list[float] = []
-        frame = None
-        deadline_s = time.monotonic() + STREAM_SETTLES_S
-        while (frame := source.read()) is not None:
-            began_s = time.perf_counter()
-            pipeline.step(frame)
-            spent_s.append(time.perf_counter() - began_s)
-            last = frame
-            sure = frame.bound_s is not None and not source.remarks
-            settled = not source.live or sure or time.monotonic() > deadline_s
-            if settled and len(spent_s) >= TRIED_FRAMES:
-                break
-        if not spent_s:
-            yield Check(
-                f"camera {camera.id}", "fail", f"{shown(camera.source.path)} holds no frame", "play it to check it"
-            )
-            return
-        bound_s = total_bound_s(last, clock.bound_s())
-        uncertainty = "unknown" if bound_s is None else f"{bound_s * 1e3:.3g} ms"
-        level: HealthLevel = "warn" if bound_s is None or last.time_source == "arrival" else "ok"
-        action = "expect a worse position, or give it a better source of time" if level == "warn" else ""
-        size = f"{last.size_px[0]} x {last.size_px[1]}"
-        reason = f"{size} frames, timed by {last.time_source}, uncertain by {uncertainty}"
-        if source.remarks:
-            level, action = "warn", source.remarks[0].action
-            reason = "; ".join([reason, *(remark.what for remark in source.remarks)])
-        yield Check(f"camera {camera.id}", level, reason, action)
-        yield Check(f"detector {camera.id}", "ok", f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame")
+        yield from _check_frames(camera, source, pipeline, clock)
     except SkyfixError as error:
         yield failure(f"camera {camera.id}", error)
     finally:
         stop.set()
         source.close()
         detector.close()
+
+
+def _check_frames(
+    camera: CameraConfig, source: FrameSource, pipeline: Pipeline, clock: ClockMonitor
+) -> Iterator[Check]:
+    """What the camera's first frames show of it and of its detector. Raises SkyfixError."""
+    spent_s: list[float] = []
+    deadline_s = time.monotonic() + STREAM_SETTLES_S
+    while (frame := source.read()) is not None:
+        began_s = time.perf_counter()
+        pipeline.step(frame)
+        spent_s.append(time.perf_counter() - began_s)
+        last = frame
+        sure = frame.bound_s is not None and not source.remarks
+        settled = not source.live or sure or time.monotonic() > deadline_s
+        if settled and len(spent_s) >= TRIED_FRAMES:
+            break
+    if not spent_s:
+        yield Check(f"camera {camera.id}", "fail", f"{shown(camera.source.path)} holds no frame", "play it to check it")
+        return
+    bound_s = total_bound_s(last, clock.bound_s())
+    uncertainty = "unknown" if bound_s is None else f"{bound_s * 1e3:.3g} ms"
+    level: HealthLevel = "warn" if bound_s is None or last.time_source == "arrival" else "ok"
+    action = "expect a worse position, or give it a better source of time" if level == "warn" else ""
+    size = f"{last.size_px[0]} x {last.size_px[1]}"
+    reason = f"{size} frames, timed by {last.time_source}, uncertain by {uncertainty}"
+    if source.remarks:
+        level, action = "warn", source.remarks[0].action
+        reason = "; ".join([reason, *(remark.what for remark in source.remarks)])
+    yield Check(f"camera {camera.id}", level, reason, action)
+    yield Check(f"detector {camera.id}", "ok", f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame")
 
 
 def check_receiver(receiver: Receiver) -> Check:

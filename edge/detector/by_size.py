@@ -10,16 +10,18 @@ from edge.config import DetectorConfig
 from edge.detector.detections import Detections, Detector
 from edge.detector.full_scan import FullScan
 from edge.detector.look import is_reduced
+from edge.detector.mask import Mask
 from edge.detector.skyfix import StackDetector, StackNet
 from edge.detector.two_stage import TwoStage
 
 
 class BySize(StackDetector):
-    """The detector for the size of the first frame. background: as for TwoStage."""
+    """The detector for the size of the first frame. background, mask: as for TwoStage."""
 
-    def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool) -> None:
+    def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool, mask: Mask | None = None) -> None:
         super().__init__(net, config)
         self._background = background
+        self._mask = mask
         self._chosen: Detector | None = None
 
     def detect(self, frame: Picture, expected_px: Array) -> Detections:
@@ -31,7 +33,7 @@ class BySize(StackDetector):
     def _choose(self, frame: Picture) -> Detector:
         if is_reduced(frame.image):
             return FullScan(self._net, self._config)
-        return TwoStage(self._net, self._config, background=self._background)
+        return TwoStage(self._net, self._config, background=self._background, mask=self._mask)
 
     def counters(self) -> dict[str, float]:
         """What the chosen one did so far."""

@@ -40,7 +40,9 @@ NO_BLOBS: Final = Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros(0), 0.0)
 class MotionDetector:
     """Learns how lively each cell of a fixed view is, and proposes what exceeds it."""
 
-    def __init__(self) -> None:
+    def __init__(self, left_out: Image | None = None) -> None:
+        """left_out: `(H, W)`, 255 where motion does not count."""
+        self._counted = None if left_out is None else (halved(halved(left_out)) < 255).astype(np.uint8)
         self._mean: NDArray[np.float32] | None = None
         self._deviation: NDArray[np.float32] | None = None
         self._buffers: tuple[Image, Image] | None = None
@@ -58,7 +60,10 @@ class MotionDetector:
         excess = cv2.subtract(level, self._mean)
         moving = (excess > THRESHOLD_GREY + DEVIATIONS * self._deviation).view(np.uint8)
         self._learn(level, excess, min(1.0, interval_s / LEARNING_S))
-        share = cv2.countNonZero(moving) / moving.size
+        cells = moving.size
+        if self._counted is not None:
+            moving, cells = cv2.bitwise_and(moving, self._counted), cv2.countNonZero(self._counted)
+        share = cv2.countNonZero(moving) / max(1, cells)
         if share > EVERYTHING_MOVES:
             return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros(0), share)
         return _blobs(moving, excess, share)

@@ -7,23 +7,29 @@ from edge.detector.detections import Detector
 from edge.detector.formats import AUTO, STACK_FORMAT
 from edge.detector.full_frame import FullFrame
 from edge.detector.full_scan import FullScan
+from edge.detector.mask import Mask, Masked
 from edge.detector.session import open_model
 from edge.detector.skyfix import StackNet
 from edge.detector.two_stage import TwoStage
 
 
-def open_detector(config: DetectorConfig, *, background: bool) -> Detector:
-    """The detector a configuration asks for. background: full scans beside the frames.
+def open_detector(config: DetectorConfig, *, background: bool, mask: Mask | None = None) -> Detector:
+    """The detector a configuration asks for. background: full scans beside the frames. mask: what it leaves out.
 
     Raises ModelError, ConfigError.
     """
+    detector = _opened(config, background, mask)
+    return detector if mask is None else Masked(detector, mask)
+
+
+def _opened(config: DetectorConfig, background: bool, mask: Mask | None) -> Detector:
     path = config.model or SHIPPED_MODEL
     model = open_model(path, config.threads)
     ours = config.format == STACK_FORMAT or (config.format == AUTO and STACK_FORMAT in model.notes)
     if ours and config.mode == "auto":
-        return BySize(StackNet(model), config, background=background)
+        return BySize(StackNet(model), config, background=background, mask=mask)
     if ours and config.mode == "two_stage":
-        return TwoStage(StackNet(model), config, background=background)
+        return TwoStage(StackNet(model), config, background=background, mask=mask)
     if ours:
         return FullScan(StackNet(model), config)
     if config.mode == "two_stage":

@@ -16,6 +16,7 @@ from edge.detector.crops import Crop, add, cut, in_frame
 from edge.detector.detections import Detections, nothing
 from edge.detector.history import History
 from edge.detector.look import SAME_OBJECT_IOU
+from edge.detector.mask import Mask
 from edge.detector.motion import NO_BLOBS, MotionDetector
 from edge.detector.nms import suppress
 from edge.detector.scan import Scanner
@@ -27,12 +28,14 @@ RESERVED_SHARE: Final = 3  # a third of max_crops stays for what is not followed
 
 
 class TwoStage(StackDetector):
-    """The detector for static cameras. background: run full scans beside the frames, not within them."""
+    """The detector for static cameras. background: run full scans beside the frames, not within them. mask: where it
+    need not look."""
 
-    def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool) -> None:
+    def __init__(self, net: StackNet, config: DetectorConfig, *, background: bool, mask: Mask | None = None) -> None:
         super().__init__(net, config)
         self._history = History(net.past_s)
-        self._motion = MotionDetector()
+        self._mask = mask
+        self._motion = MotionDetector(None if mask is None else mask.raster)
         self._scanner = Scanner(net, config.score_min, config.scan_period_s, background=background)
         self._turns = Turns()
         self._last_t_unix_ns = 0
@@ -49,6 +52,8 @@ class TwoStage(StackDetector):
         blobs = self._motion.propose(frame.image, past, interval_s) if self._history.complete else NO_BLOBS
         self._scanner.offer(frame.t_unix_ns, images)
         moving = np.concatenate([self._scanner.take(), np.column_stack([blobs.centre_px, blobs.extent_px])])
+        if self._mask is not None:
+            moving = moving[~self._mask.covers(moving)]
         crops = self._crops(frame, expected_px.reshape(-1, 3), moving)
         self._counts["detector_frames"] += 1
         self._counts["detector_crops"] += len(crops)

@@ -18,6 +18,7 @@ from edge.capture.frame import Image, Picture
 from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
 from edge.common.own_thread import OwnThread
+from edge.detector.mask import Mask, shaded
 from edge.gate import TrackRow
 
 log = logging.getLogger(__name__)
@@ -35,13 +36,15 @@ Latest = Callable[[], tuple[Picture, list[TrackRow], str, str] | None]
 """Asks for the newest frame, its rows, the health level, and a line about it."""
 
 
-def draw(frame: Picture, rows: list[TrackRow], level: str, line: str) -> bytes:
-    """The frame as a JPEG with its tracks and a line of state."""
+def draw(frame: Picture, rows: list[TrackRow], level: str, line: str, mask: Mask | None = None) -> bytes:
+    """The frame as a JPEG with its tracks, a line of state, and what the mask leaves out in the dark."""
     scale = min(1.0, PREVIEW_WIDTH_PX / frame.image.shape[1])
     size = (round(frame.image.shape[1] * scale), round(frame.image.shape[0] * scale))
     picture: Image = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
     if picture.ndim == 2:
         picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    if mask is not None:
+        picture = shaded(picture, mask)
     for row in rows:
         u, v = ((row.u_px + 0.5) * scale, (row.v_px + 0.5) * scale)
         half = max(6.0, row.width_px * scale / 2 + 3, row.height_px * scale / 2 + 3)
@@ -60,10 +63,11 @@ _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
 class Preview(OwnThread):
     """Draws what `latest` gives every PERIOD_S: into a file, or served on http://127.0.0.1:PORT/. Context manager."""
 
-    def __init__(self, where: str, latest: Latest) -> None:
-        """where: a file name, or a port. Raises ConfigError if the port is taken."""
+    def __init__(self, where: str, latest: Latest, mask: Mask | None = None) -> None:
+        """where: a file name, or a port. mask: shown as what is left out. Raises ConfigError if the port is taken."""
         super().__init__("preview", PREVIEW_CLOSE_S)
         self._latest = latest
+        self._mask = mask
         self._file = None if where.isdigit() else Path(where)
         self._picture = b""
         self._changed = threading.Condition()
@@ -101,7 +105,7 @@ class Preview(OwnThread):
             newest = self._latest()
             if newest is None:
                 continue
-            picture = draw(*newest)
+            picture = draw(*newest, self._mask)
             with self._changed:
                 self._picture = picture
                 self._changed.notify_all()

@@ -222,4 +222,4 @@ def test_wrong_usage(arguments: list[str]) -> None:
 def test_help_is_complete() -> None:
     code, out, _ = finish(start("--help"))
     assert code == 0
-    assert all(word in out for word in ("run", "check", "lens", "exit codes"))
+    assert all(word in out for word in ("run", "check", "lens", "detect", "exit codes"))
