@@ -16,6 +16,7 @@ SENDER_BOUND_S: Final = (
     0.005  # s: resolution of a sender report seen through the decoder, beside the sender's own clock
 )
 SENSOR_BOUND_S: Final = 0.002  # s: driver stamps jitter by a USB microframe to a scheduler tick
+NETWORK_HOLDS_S: Final = 10.0  # s: what buffers on the way to a box hold of a video stream, and more
 MOST_DRIFT_PPM: Final = 100.0  # of a quartz without a thermostat, and some
 
 
@@ -34,6 +35,36 @@ class LeastDelay:
         while self._seen[0][0] + self._seen[0][1] < arrival_ns - ENVELOPE_S * 1e9:  # what arrived too long ago
             self._seen.popleft()
         return stream_ns + self._seen[0][1]
+
+
+@dataclass
+class GrownDelay:
+    """By how much frames may be later than ever: what their delay has grown by since it was least.
+
+    A stream that runs slow and a network that holds frames back give the same numbers. More than NETWORK_HOLDS_S no
+    network holds back: then it is the stream, and its arrival alone counts while it runs so. grown_s: that of the last
+    frame; to begin with, what was there before.
+    """
+
+    grown_s: float = 0.0
+    _least_ns: float | None = None
+    _last_arrival_ns: int = 0
+    _runs_slow: bool = False
+
+    def update_s(self, stream_ns: int, arrival_ns: int, *, runs_true: bool) -> float:
+        """The growth, s, after one more frame. runs_true: whether stream time runs at one second a second."""
+        delay_ns = float(arrival_ns - stream_ns)
+        if self._runs_slow and runs_true:
+            self._runs_slow, self._least_ns = False, None
+        if self._least_ns is None:
+            self._least_ns, self._last_arrival_ns = delay_ns - self.grown_s * 1e9, arrival_ns
+        leak_ns = MOST_DRIFT_PPM * 1e-6 * (arrival_ns - self._last_arrival_ns)
+        self._least_ns = min(self._least_ns + leak_ns, delay_ns)
+        self._last_arrival_ns = arrival_ns
+        grown_s = (delay_ns - self._least_ns) / 1e9
+        self._runs_slow = self._runs_slow or grown_s > NETWORK_HOLDS_S
+        self.grown_s = 0.0 if self._runs_slow else grown_s
+        return self.grown_s
 
 
 @dataclass

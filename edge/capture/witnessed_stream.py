@@ -3,7 +3,9 @@
 The hazard is the one that is believed alone. Cheap cameras stamp 12 frames a second as 25; restreamers begin their time
 anew and recorders throw in frames of another day; a camera's clock is an hour off, or is set while it runs. The box
 knows when each frame arrived. No frame was taken after that, and an ordinary camera's not long before: what contradicts
-this is anchored anew, or its bound is widened by as much as the contradiction says, and the number is told.
+this is anchored anew, or its bound is widened by as much as the contradiction says, and the number is told. A stream
+that begins to run slow and a network whose delay grows look the same: until it is more than a network can hold back,
+the bound covers both.
 """
 
 from collections import deque
@@ -12,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from edge.capture.frame import Remark, TimeSource
-from edge.capture.stamps import ARRIVAL_BOUND_S, SENDER_BOUND_S, SETTLED_S, LeastDelay, StreamDrift
+from edge.capture.stamps import ARRIVAL_BOUND_S, SENDER_BOUND_S, SETTLED_S, GrownDelay, LeastDelay, StreamDrift
 from edge.common.utc import Dated
 
 JUMPED_S: Final = 1.0  # s by which stream time may run ahead of arrival between two frames, or fall back
@@ -90,9 +92,10 @@ class WitnessedStream:
         self._strays: list[tuple[int, int]] = []
         self._anchor()
 
-    def _anchor(self) -> None:
-        """Begin anew with all that is learned of how stream time and arrival go together."""
+    def _anchor(self, grown_s: float = 0.0) -> None:
+        """Begin anew with all that is learned of how stream time and arrival go together, but for a delay there is."""
         self._line = LeastDelay()
+        self._grown = GrownDelay(grown_s)
         self._rate = Rate()
         self._jitter = Jitter()
         self._first_arrival_ns: int | None = None
@@ -117,15 +120,17 @@ class WitnessedStream:
         line_ns = self._line.arrived_ns(stream_ns, arrival_ns)
         late_s = (arrival_ns - line_ns) / 1e9
         self._jitter.update(late_s)
-        if self._runs_true():
+        runs_true = self._runs_true()
+        grown_s = self._grown.update_s(stream_ns, arrival_ns, runs_true=runs_true)
+        if runs_true:
             sent = self._sent(stream_ns, arrival_ns, line_ns, sent_unix_ns, date)
             if sent is not None:
                 return sent if settled else StreamStamp(sent.t_unix_ns, "sender", None)
             dated = date(line_ns)
-            bound_s = max(ARRIVAL_BOUND_S, late_s) + dated.doubt_s
+            bound_s = max(ARRIVAL_BOUND_S, late_s) + max(0.0, grown_s - late_s - SENDER_SLACK_S) + dated.doubt_s
             return StreamStamp(dated.t_unix_ns, "arrival", bound_s if settled else None)
         dated = date(arrival_ns)
-        bound_s = ARRIVAL_BOUND_S + self._jitter.value_s + self._overdue_s(arrival_ns) + dated.doubt_s
+        bound_s = ARRIVAL_BOUND_S + self._jitter.value_s + self._overdue_s(arrival_ns) + grown_s + dated.doubt_s
         return StreamStamp(dated.t_unix_ns, "arrival", bound_s if settled else None)
 
     def _is_stray(self, stream_ns: int, arrival_ns: int) -> bool:
@@ -144,9 +149,15 @@ class WitnessedStream:
         self._say("jump", f"its stream time jumped by {jump_s:+.1f} s: frames are timed by arrival since")
         self._remarks.pop("stray", None)
         self._sender_failed = True  # what the sender said was of the time before
-        self._anchor()
+        self._anchor(self._grown.grown_s + self._grown_meanwhile_s())
         self._last, self._strays = (stream_ns, arrival_ns), []
         return False
+
+    def _grown_meanwhile_s(self) -> float:
+        """How much later frames came while the stream's new time was in doubt, the step to its first one too."""
+        (first_ns, first_arrival_ns), (last_ns, last_arrival_ns) = self._strays[0], self._strays[-1]
+        grown_s = (last_arrival_ns - first_arrival_ns - (last_ns - first_ns)) / 1e9
+        return max(0.0, grown_s) * STRAY_FRAMES / (STRAY_FRAMES - 1)
 
     def _runs_true(self) -> bool:
         rate = self._rate.value

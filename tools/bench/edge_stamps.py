@@ -1,4 +1,4 @@
-"""How far RTSP stamps are from the truth: `python -m tools.bench.edge_stamps [--seconds 600] [--seeds 20]`.
+"""How far RTSP stamps are from the truth: `python -m tools.bench.edge_stamps [--seconds 600] [--seeds 20] [--first-seed N]`.
 
 A camera of our own, whose pictures carry their number, sends over loopback with jitter; each
 frame's stamp is compared with the instant at which that picture was taken, and with the bound that the frame claims.
@@ -13,7 +13,7 @@ from edge.capture.live import RtspStream, open_rtsp
 from edge.capture.witnessed_stream import WitnessedStream
 from edge.common.utc import Dated, UtcMapping
 from tools.doubles.rtsp_camera import RtspCamera
-from tools.doubles.streams import UTC_NS, scenes
+from tools.doubles.streams import UTC_NS, mixtures, scenes
 
 BITS = 16
 FPS = 25.0
@@ -58,13 +58,13 @@ def measure(seconds: float, *, reports: bool, drift_ppm: float) -> str:
     return f"{source}, drift {drift_ppm:g} ppm: {len(off)} frames, {figures}"
 
 
-def measure_scene(name: str, seeds: int, seconds: float) -> str:
+def measure_scene(name: str, seeds: range, seconds: float) -> str:
     """One line of figures of streams that lie in one way (tools/doubles/streams.py), in virtual time, seeds of them."""
     frames = bounded = outside = 0
     worst_s, bounds = 0.0, []
-    for seed in range(seeds):
+    for seed in seeds:
         clock = WitnessedStream()
-        for frame in scenes(seed)[name].frames(seconds, np.random.default_rng(seed)):
+        for frame in (scenes(seed) | mixtures(seed))[name].frames(seconds, np.random.default_rng(seed)):
             stamp = clock.stamp(frame.stream_ns, frame.arrival_ns, frame.sent_unix_ns, lambda t: Dated(t + UTC_NS, 0.0))
             frames += 1
             if stamp.bound_s is None:
@@ -82,12 +82,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0, help="for each of the three cameras")
     parser.add_argument("--seeds", type=int, default=20, help="of each kind of stream that lies")
+    parser.add_argument("--first-seed", type=int, default=0, help="of those; fresh ones tell more than known ones")
     arguments = parser.parse_args()
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     seconds = arguments.seconds
     for reports, drift_ppm in ((True, 0.0), (True, 50.0), (False, 0.0)):
         print(measure(seconds, reports=reports, drift_ppm=drift_ppm), flush=True)
-    for name in scenes(0):
-        print(measure_scene(name, arguments.seeds, min(seconds, 60.0)), flush=True)
+    for name in [*scenes(0), *mixtures(0)]:
+        print(measure_scene(name, seeds, min(seconds, 60.0)), flush=True)
     return 0
 
 

@@ -27,7 +27,7 @@ class StreamFrame:
 @dataclass(frozen=True)
 class StreamScene:
     """How a stream lies. stream_s: its time of a frame (number, true seconds). clock_s: how far the sender's clock is
-    off, None for a sender that says nothing. stall_s: further delay at a true second."""
+    off, None for a sender that says nothing. stall_s: further delay at a true second. skips: frames that never come."""
 
     fps: float
     stream_s: Callable[[int, float], float]
@@ -35,6 +35,7 @@ class StreamScene:
     delay_s: float
     jitter_s: float
     stall_s: Callable[[float], float] = lambda t: 0.0
+    skips: Callable[[int], bool] = lambda k: False
 
     def frames(self, seconds: float, rng: np.random.Generator) -> Iterator[StreamFrame]:
         """The frames of some seconds, in the order they arrive."""
@@ -42,6 +43,8 @@ class StreamScene:
         first_s = self.stream_s(0, 0.0)
         for k in range(round(seconds * self.fps)):
             t = k / self.fps
+            if self.skips(k):
+                continue
             late = self.delay_s + float(rng.exponential(self.jitter_s)) + self.stall_s(t)
             last_ns = max(last_ns + 100_000, BEGIN_NS + round((t + late) * 1e9))  # in order, as TCP delivers
             stream_s = self.stream_s(k, t)
@@ -103,4 +106,38 @@ def scenes(seed: int) -> dict[str, StreamScene]:
     found["clock a little behind"] = StreamScene(fps, true, -slow, delay, jitter)
     found["stalled"] = StreamScene(fps, true, None, delay, jitter, stalled)
     found["stalled, reports"] = StreamScene(fps, true, 0.0, delay, jitter, stalled)
+    return found
+
+
+def mixtures(seed: int) -> dict[str, StreamScene]:
+    """Two lies at once, and networks that do more than jitter: twenty kinds."""
+    rng = np.random.default_rng(seed)
+    fps = float(rng.choice([5, 10, 12, 15, 20, 25, 30]))
+    at, later = float(rng.uniform(8, 18)), float(rng.uniform(22, 40))
+    jump = float(rng.choice([-1, 1]) * rng.uniform(1.5, 3000))
+    rate = float(rng.choice([rng.uniform(0.4, 0.85), rng.uniform(1.2, 2.2)]))
+    grown, period = float(rng.uniform(0.3, 3.0)), int(rng.integers(3, 25))
+    delay, jitter, lost = float(rng.uniform(0.005, 0.06)), float(rng.uniform(0.0, 0.006)), float(rng.uniform(0.05, 0.5))
+    gone = set(np.flatnonzero(rng.uniform(size=5000) < lost).tolist())
+    streams: dict[str, Callable[[int, float], float]] = {
+        "runs true": lambda k, t: 300.0 + t,
+        "runs at another rate": lambda k, t: 300.0 + rate * t,
+        "jumps": lambda k, t: 5000.0 + t + (jump if t > at else 0.0),
+        "runs at another rate and jumps": lambda k, t: 5000.0 + rate * t + (jump if t > at else 0.0),
+        "jumps twice": lambda k, t: 9000.0 + t + (jump if t > at else 0.0) - (jump / 2 if t > later else 0.0),
+        "stands still and goes on": lambda k, t: 300.0 + (t if t < at else max(at, t - 3.0)),
+    }
+    networks: dict[str, Callable[[float], float]] = {
+        "delay grows and falls": lambda t: grown * max(0.0, 1 - abs(t - later) / 8.0),
+        "bursts": lambda t: (period - 1 - round(t * fps) % period) / fps,
+    }
+    found = {}
+    for says, clock_s in (("", None), (", reports", 0.0)):
+        for name, stream in streams.items():
+            found[f"{name}, frames lost{says}"] = StreamScene(
+                fps, stream, clock_s, delay, jitter, skips=lambda k: k in gone and k > 0
+            )
+        for name in ("runs true", "jumps"):
+            for how, stall in networks.items():
+                found[f"{name}, {how}{says}"] = StreamScene(fps, streams[name], clock_s, delay, jitter, stall)
     return found

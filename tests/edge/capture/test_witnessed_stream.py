@@ -5,7 +5,7 @@ import pytest
 
 from edge.capture.witnessed_stream import StreamStamp, WitnessedStream
 from edge.common.utc import Dated
-from tools.doubles.streams import UTC_NS, StreamScene, scenes
+from tools.doubles.streams import UTC_NS, StreamScene, mixtures, scenes
 
 SECONDS = 45.0
 
@@ -25,11 +25,14 @@ def run(scene: StreamScene, seed: int) -> tuple[WitnessedStream, list[tuple[floa
 
 @pytest.mark.parametrize("seed", range(20))
 def test_no_stamp_is_outside_its_bound(seed: int) -> None:
-    for name, scene in scenes(seed).items():
+    twice = mixtures(seed) if seed < 8 else {}
+    for name, scene in (scenes(seed) | twice).items():
         _, stamps = run(scene, seed)
         outside = [error for error, stamp in stamps if stamp.bound_s is not None and abs(error) > stamp.bound_s]
         assert not outside, f"seed {seed}, {name}: {len(outside)} of {len(stamps)}, {max(outside, key=abs):.3f} s"
-        assert sum(stamp.bound_s is not None for _, stamp in stamps) > len(stamps) * 0.8, f"seed {seed}, {name}"
+        assert sum(stamp.bound_s is not None for _, stamp in stamps) > len(stamps) * (0.7 if name in twice else 0.8), (
+            f"seed {seed}, {name}"
+        )
 
 
 @pytest.mark.parametrize("seed", range(5))
