@@ -114,6 +114,9 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
     max_detections: Annotated[int, Meta(ge=1, le=1000, description="kept of a frame, the surest first")] = 100
     tiles: Annotated[bool, Meta(description="full_frame: cut into overlapping tiles of the model's size")] = False
     threads: Annotated[int, Meta(ge=1, le=64, description="per ONNX session")] = 1
+    providers: Annotated[
+        tuple[str, ...], Meta(description="ONNX Runtime's execution providers, first choice first; empty for the CPU")
+    ] = ()
     workers: Annotated[int, Meta(ge=1, le=16, description="full_frame: frames worked on side by side")] = 2
     max_crops: Annotated[
         int, Meta(ge=1, le=64, description="two_stage: crops a frame; tracks may take four times these")

@@ -20,9 +20,9 @@ from edge.clock.monitor import ClockMonitor
 from edge.clock.state import check_clock
 from edge.common.errors import ConfigError, SkyfixError
 from edge.common.health import Check, HealthLevel
-from edge.config import BoxConfig, CameraConfig, load_lens
+from edge.config import BoxConfig, CameraConfig, DetectorConfig, load_lens
 from edge.detector.mask_file import load_mask
-from edge.detector.opening import open_detector
+from edge.detector.opening import open_detector, where_it_runs
 from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.receiver import Receiver, check_antenna
 from edge.link.counterpart import Counterpart
@@ -94,7 +94,7 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
         yield failure(f"camera {camera.id}", error)
         return
     try:
-        yield from _check_frames(camera, source, pipeline, clock)
+        yield from _check_frames(camera, source, pipeline, clock, box.detector_of(camera))
     except SkyfixError as error:
         yield failure(f"camera {camera.id}", error)
     finally:
@@ -104,7 +104,7 @@ def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock:
 
 
 def _check_frames(
-    camera: CameraConfig, source: FrameSource, pipeline: Pipeline, clock: ClockMonitor
+    camera: CameraConfig, source: FrameSource, pipeline: Pipeline, clock: ClockMonitor, detector: DetectorConfig
 ) -> Iterator[Check]:
     """What the camera's first frames show of it and of its detector. Raises SkyfixError."""
     spent_s: list[float] = []
@@ -131,7 +131,8 @@ def _check_frames(
         level, action = "warn", source.remarks[0].action
         reason = "; ".join([reason, *(remark.what for remark in source.remarks)])
     yield Check(f"camera {camera.id}", level, reason, action)
-    yield Check(f"detector {camera.id}", "ok", f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame")
+    pace = f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame"
+    yield Check(f"detector {camera.id}", "ok", f"{pace}, {where_it_runs(detector)}")
 
 
 def check_receiver(receiver: Receiver) -> Check:

@@ -7,6 +7,7 @@ side by side instead.
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +17,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from edge.common.errors import ModelError
+from edge.detector.providers import SAYS_WHERE, chosen, refuse_missing, with_options
 
 DTYPES: Final = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 ANOTHER_OPSET: Final = "export it again as ONNX, opset 21 or lower"
@@ -80,21 +82,24 @@ _ORT_ERRORS: Final = (
 )
 
 
-def open_model(path: Path | str, threads: int = 1) -> Model:
-    """A model ready to run. Raises ModelError if it is missing or is none."""
+def open_model(path: Path | str, threads: int = 1, providers: Sequence[str] = ()) -> Model:
+    """A model ready to run, on providers or else the CPU. Raises ModelError if it is none, ConfigError."""
+    wanted = chosen(providers)
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = _ERRORS_ONLY
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.add_session_config_entry("session.inter_op.allow_spinning", "0")
+    options.add_session_config_entry(SAYS_WHERE, "1")
     if not Path(path).is_file():
         raise ModelError("no such model file", where=str(path), action="give the path of an ONNX file")
     try:
-        session = ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        session = ort.InferenceSession(str(path), options, providers=with_options(wanted, threads))
     except _ORT_ERRORS as error:
         what = f"is no model that loads ({_first_line(error)})"
         raise ModelError(what, where=str(path), action=_remedy(Path(path), str(error))) from error
+    refuse_missing(session, wanted)
     notes = dict(session.get_modelmeta().custom_metadata_map)
     return Model(str(path), session, _ports(session.get_inputs()), _ports(session.get_outputs()), notes)
 

@@ -1,4 +1,4 @@
-"""How far RTSP stamps are from the truth: `python -m tools.bench.edge_stamps [--seconds 600] [--seeds 20] [--first-seed N]`.
+"""How far RTSP stamps are from the truth: `python -m tools.bench.edge_stamps [--seconds 600] [--seeds 20]`.
 
 A camera of our own, whose pictures carry their number, sends over loopback with jitter; each
 frame's stamp is compared with the instant at which that picture was taken, and with the bound that the frame claims.
