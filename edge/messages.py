@@ -110,9 +110,15 @@ class Lens(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
+FixStanding = Literal["held", "unconfirmed", "doubted"]
+WireFixStanding = Annotated[FixStanding, newer_word("doubted")]
+
+
 class Fix(msgspec.Struct, frozen=True, kw_only=True):
     """An averaged position of a camera box: degrees, ellipsoidal metres, one sigma east, north, up.
 
+    standing: whether the box stands by it. Not any more, for the reason in `why`, where its receiver confirms it no
+    longer (`unconfirmed`) or speaks against it (`doubted`); the numbers are then the last it stood by, `quality` is 0.
     of: the point it is the position of. A box that knows its antenna's offset (gnss.lever_arm_m) sends the lens; one
     that does not, or is too old to say, the antenna.
     """
@@ -126,6 +132,8 @@ class Fix(msgspec.Struct, frozen=True, kw_only=True):
     frame: str
     samples: Annotated[int, Meta(ge=1)]
     of: Literal["lens", "antenna"] = "antenna"
+    standing: WireFixStanding = "held"
+    why: str = ""
 
 
 WireLevel = Annotated[HealthLevel, newer_word("warn")]

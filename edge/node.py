@@ -115,7 +115,7 @@ class Node:
     def _report(self) -> None:
         now_unix_ns = time.time_ns()
         shared = self._shared_checks()
-        fix = self._receiver.fix() if self._receiver else None
+        fix = self._receiver.said() if self._receiver else None
         for worker in self.workers:
             camera = worker.camera.id
             health = self._boards[camera].update(

@@ -12,9 +12,12 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from typing import Final
+
+from msgspec.structs import replace as changed
 
 from edge.common.errors import ConfigError
 from edge.common.health import Check
@@ -24,6 +27,7 @@ from edge.gnss.averaging import SERVICES
 from edge.gnss.decoders import decoders
 from edge.gnss.diagnosis import Level, ReceiverState, ReceiverStatus, Watch, counters, diagnose
 from edge.gnss.gates import Policy, metres_per_degree
+from edge.gnss.kept_fix import WHAT_TO_DO, KeptFix
 from edge.gnss.port import Fault, PortError, ReceiverPort, open_port
 from edge.gnss.session import StaticSession, Surveyed, t_unix_ns
 from edge.messages import Fix
@@ -67,7 +71,10 @@ class Receiver(OwnThread):
         self._recorded = Path(config.device.removeprefix("file://")).is_file()
         self._session = self._new_session()
         self._changed = threading.Condition()
+        self._kept = KeptFix()
+        self._moves_seen = 0
         self._fix: Fix | None = None
+        self._said: Fix | None = None
         self._surveyed: Surveyed | None = None
         self._status = ReceiverStatus(ReceiverState.STARTING, "warn", "not opened yet")
         self._restart = False
@@ -76,6 +83,11 @@ class Receiver(OwnThread):
         """The camera's position as averaged so far; None while there is none fit for use (`status` says why)."""
         with self._changed:
             return self._fix
+
+    def said(self) -> Fix | None:
+        """What the base is to know: `fix()`, or the last one with why it is no longer stood by; None if never fixed."""
+        with self._changed:
+            return self._said
 
     def surveyed(self) -> Surveyed | None:
         """The antenna's position as averaged so far, with its parts and its fault if it has one."""
@@ -121,6 +133,7 @@ class Receiver(OwnThread):
                     return
                 # A cable is pulled to move a tripod: what was averaged may be of another place.
                 self._session.restart()
+                self._kept.forget()
             self._stop.wait(PORT_RETRY_S)
 
     def _read_until_lost(self) -> None:
@@ -141,6 +154,7 @@ class Receiver(OwnThread):
         with self._changed:
             if self._restart:
                 self._session.restart()
+                self._kept.forget()
                 self._restart = False
         if data:
             watch.last_byte_s = now_s
@@ -157,14 +171,25 @@ class Receiver(OwnThread):
         status = diagnose(self._session, surveyed, watch, now_s)
         fix = None
         if surveyed and status.state is ReceiverState.AVERAGING:
-            fix = make_fix(surveyed, self._config, self._unix_ns())
+            fix = self._kept_fix(surveyed)
+            if self._kept.reason:
+                reason = f"{self._kept.reason}; its sigma covers both"
+                status = replace(status, level="fail", reason=reason, action=WHAT_TO_DO)
         with self._changed:
             if self._restart:
                 return
             if status.state is not self._status.state:
                 log.info("%s: %s: %s; %s", self._config.device, status.state, status.reason, status.action)
             self._surveyed, self._fix, self._status = surveyed, fix, status
+            self._said = fix or _taken_back(self._said, status)
             self._changed.notify_all()
+
+    def _kept_fix(self, surveyed: Surveyed) -> Fix:
+        """The fix, held against those before it; a move that was seen explains why they lie elsewhere."""
+        if self._session.moves != self._moves_seen:
+            self._moves_seen = self._session.moves
+            self._kept.forget()
+        return self._kept.take(make_fix(surveyed, self._config, self._unix_ns()))
 
     def _report_fault(self, error: PortError) -> None:
         surveyed = self._session.surveyed() if error.fault is Fault.ENDED else None
@@ -179,6 +204,16 @@ class Receiver(OwnThread):
             self._status = ReceiverStatus(
                 ReceiverState(error.fault.value), level, reason, error.action, counters(self._session)
             )
+            self._said = self._fix or _taken_back(self._said, self._status)
+
+
+def _taken_back(said: Fix | None, status: ReceiverStatus) -> Fix | None:
+    """The last fix, no longer stood by. What was once spoken against is not merely unconfirmed later."""
+    if said is None or said.standing == "doubted":
+        return said
+    against = status.state is ReceiverState.DOUBTED and status.level == "fail"
+    why = f"{status.state}: {status.reason}"
+    return changed(said, quality=0, standing="doubted" if against else "unconfirmed", why=why)
 
 
 def check_lever_arm(config: GnssConfig) -> None:

@@ -31,6 +31,7 @@ from edge.gnss.gates import (
     metres_per_degree,
     offset_m,
 )
+from edge.gnss.way import Way
 
 STATIC_WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardly anything
 SETTLING_S: Final = 60.0  # a receiver that has just fixed converges for up to a minute
@@ -83,6 +84,8 @@ class StaticSession:
         self._moved_until_s = -math.inf
         self._moved = ""
         self._provisional: deque[Reason] = deque(maxlen=CONFIRMATIONS)
+        self._way = Way()
+        self.moves = 0  # how often the antenna was seen to move: what was averaged before is of another place
         self.counts: Counter[str] = Counter()
         self.refusals: Counter[Reason] = Counter()
         self.last_refusal: Refusal | None = None
@@ -123,6 +126,7 @@ class StaticSession:
         """Forget all positions: another tripod, or another occupation of the same."""
         self._gate.interrupt()
         self._window.clear()
+        self._way = Way()
         self._moved_until_s = -math.inf
 
     def surveyed(self) -> Surveyed | None:
@@ -132,6 +136,7 @@ class StaticSession:
         mean = self._mean()
         while mean.moved_until_s is not None:
             self._moved_until_s, self._moved = mean.moved_until_s, mean.fault
+            self.moves += 1
             while self._window[0].t_s < mean.moved_until_s:
                 self._window.popleft()
             mean = self._mean()
@@ -179,6 +184,7 @@ class StaticSession:
             self._refuse(judged)
             return []
         verdict = self._gate.judge(judged)
+        self._way.add(judged)
         if verdict.refusal:
             self._provisional.append(verdict.refusal.reason)
             self._refuse(verdict.refusal)
@@ -197,10 +203,21 @@ class StaticSession:
         self.counts["accepted"] += len(positions)
         silence_s = t_s - self.last_accepted_s if self.last_accepted_s is not None else 0.0
         self.last_accepted_s = t_s
+        carried_m = self._way.carried_m(positions[0]) if segment != self._segment else 0.0
         for position in positions:
             self._append(position, segment, silence_s if segment != self._segment else 0.0)
             self._segment = segment
+        if carried_m:
+            self._carried(carried_m, len(positions))
+        self._way.begin(positions[-1])
         return list(positions)
+
+    def _carried(self, distance_m: float, arrived: int) -> None:
+        """The antenna was seen on its way: only what came since it arrived is of this place."""
+        self.moves += 1
+        while len(self._window) > arrived:
+            self._window.popleft()
+        self._moved_until_s, self._moved = self._now_s, f"it was carried {distance_m:.1f} m"
 
     def _append(self, position: Position, segment: int, silence_s: float) -> None:
         """silence_s: how long nothing was accepted, by our own clock; the receiver's may have been set meanwhile."""

@@ -16,7 +16,7 @@ from calib.station.config import load
 from calib.station.survey import assessment, edit
 from calib.station.survey.arguments import add_arguments
 from calib.station.survey.box_fixes import take_boxes
-from calib.station.survey.call import Ask, SurveyCall, configured, store
+from calib.station.survey.call import Ask, SurveyCall, configured, not_replaced, replaced, store
 from calib.station.survey.derive import derived
 from calib.station.survey.in_force import SURVEY_FILE
 from calib.station.survey.rover_round import occupy_one, rover_round
@@ -45,7 +45,10 @@ def _enter(call: SurveyCall) -> int:
     args = call.args
     east, north, up = args.sigma
     place = (args.latitude, args.longitude, args.height)
-    return store(call, edit.enter(call.survey, args.camera, place, (east, north, up), args.source))
+    survey = edit.enter(call.survey, args.camera, place, (east, north, up), args.source)
+    if not replaced(call, survey, args.camera):
+        raise not_replaced(args.camera)
+    return store(call, survey)
 
 
 def _import(call: SurveyCall) -> int:
@@ -53,7 +56,15 @@ def _import(call: SurveyCall) -> int:
         text = call.args.csv.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot be read ({error})", where=str(call.args.csv), action="give a CSV file") from error
-    return store(call, edit.enter_csv(call.survey, text, str(call.args.csv)))
+    survey = edit.enter_csv(call.survey, text, str(call.args.csv))
+    for table in survey.camera:
+        if not replaced(call, survey, table.id):
+            raise not_replaced(table.id)
+    return store(call, survey)
+
+
+def _trust(call: SurveyCall) -> int:
+    return store(call, edit.trust(call.survey, call.args.camera))
 
 
 def _drop(call: SurveyCall) -> int:
@@ -107,6 +118,7 @@ ACTIONS: Final[dict[str, Callable[[SurveyCall], int]]] = {
     "enter": _enter,
     "import": _import,
     "drop": _drop,
+    "trust": _trust,
     "tape": _tape,
     "frame": _frame,
     "check": _check,

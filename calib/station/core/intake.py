@@ -24,6 +24,7 @@ from calib.station.core.stream_clock import AHEAD_S, StreamClock
 from edge.common.errors import LensError, MessageError
 from edge.common.health import Check
 from edge.common.units import NS
+from edge.gnss.kept_fix import KeptFix
 from edge.lens import LensModel
 from edge.messages import Detection, Fix, Health, Lens, Tracks, decode
 
@@ -55,7 +56,10 @@ class CameraIntake:
 
     id: str
     lens: LensModel | None = None
-    fix: Fix | None = None
+    fix: Fix | None = None  # with a sigma that covers what contradicts it
+    kept_fix: KeptFix = field(default_factory=KeptFix)
+    taken_back: str = ""  # why its box no longer stands by its position; empty while it does
+    fix_doubts: int = 0  # how often something spoke against a position that had been used
     health: Health | None = None
     present: bool = False
     size_px: tuple[int, int] | None = None
@@ -80,6 +84,27 @@ class CameraIntake:
         """Its time went back: what was stamped before, and what comes late of it, is of another clock."""
         self.clock_sets += 1
         self.since = (tracks.epoch, tracks.seq)
+
+    def stand_by(self, fix: Fix) -> None:
+        """Take a position that its box stands by."""
+        before = self.kept_fix.reason
+        self.fix, self.taken_back = self.kept_fix.take(fix), ""
+        self.fix_doubts += bool(self.kept_fix.reason) and not before
+
+    def take_back(self, fix: Fix) -> None:
+        """Its box no longer stands by its position: one that it doubts is void, one that is in use may stay so."""
+        self.taken_back = fix.why or fix.standing
+        if fix.standing == "doubted":
+            self.fix_doubts += self.fix is not None
+            self.fix = None
+            self.kept_fix.forget()
+
+    @property
+    def fix_doubt(self) -> str:
+        """What speaks against its position; empty if nothing does."""
+        if self.taken_back and self.fix is None:
+            return f"its box takes its position back ({self.taken_back})"
+        return self.kept_fix.reason
 
     def online(self, now_ns: int, stale_s: float) -> bool:
         """Whether frames come."""
@@ -280,11 +305,16 @@ class Intake:
         except MessageError as error:
             camera.fault("undecodable", error.what, error.action, now_ns)
             return
+        if fix.standing != "held":
+            camera.take_back(fix)
+            action = "see the box's receiver: edge-node check there says what it lacks"
+            camera.fault("taken_back", f"its box no longer stands by its position ({fix.why})", action, now_ns)
+            return
         if fix.quality != 4:
             fault = f"its receiver has quality {fix.quality}, not 4 (RTK fixed)"
             camera.fault("fix_quality", fault, "wait for corrections, look at the antenna's sky", now_ns)
             return
-        camera.fix = fix
+        camera.stand_by(fix)
 
     def health(self, camera: CameraIntake, payload: bytes, now_ns: int) -> None:
         """Take a box's own health."""

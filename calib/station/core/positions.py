@@ -20,6 +20,7 @@ from calib.station.core.intake import CameraIntake
 from calib.station.core.site_extent import CORRECT_IT, too_far
 from edge.common.arrays import Array
 from edge.common.health import Check
+from edge.gnss.kept_fix import WHAT_TO_DO, contradict, words
 from edge.messages import Fix
 
 LEAST_POSITION_SIGMA_M: Final = 0.005  # no receiver on a tripod does better, whatever it says
@@ -85,8 +86,44 @@ class Positions:
         """The cameras whose position is not of this site, or in force and their antenna's."""
         far = [Check(f"position {camera}", "fail", why, CORRECT_IT) for camera, why in self.unbelieved.items()]
         used = [box for camera, box in boxes.items() if self._cameras[camera].position is None]
+        doubted = [check for camera, box in boxes.items() for check in self._doubts(camera, box)]
         rounded = [Check("positions", "warn", coarse, MORE_DIGITS)] if (coarse := self._written.coarse) else []
-        return far + rounded + [check for box in used if box.fix is not None for check in check_offset(box.id, box.fix)]
+        return (
+            far
+            + doubted
+            + rounded
+            + [check for box in used if box.fix is not None for check in check_offset(box.id, box.fix)]
+        )
+
+    def _doubts(self, camera: str, box: CameraIntake) -> list[Check]:
+        """What speaks against a camera's position: its own box, or that it lies elsewhere than before."""
+        surveyed = self._cameras[camera].position
+        if surveyed is not None:
+            return self._beside_survey(camera, surveyed, box)
+        if why := box.fix_doubt:
+            covered = "" if box.fix is None else "; its sigma covers both"
+            return [Check(f"position {camera}", "fail", why + covered, WHAT_TO_DO)]
+        if box.taken_back:
+            reason = f"in use, and its receiver no longer confirms it ({box.taken_back})"
+            return [Check(f"position {camera}", "warn", reason, "see edge-node check on its box")]
+        return []
+
+    def _beside_survey(self, camera: str, surveyed: Origin, box: CameraIntake) -> list[Check]:
+        """Whether the box's own receiver speaks against the surveyed position, which is the one in use."""
+        if box.fix is None:
+            return []
+        sigma_m = self._written.sigma_m(surveyed, self._cameras[camera].position_sigma)
+        place, fix_sigma_m = lens_position(box.fix)
+        east, north, up = geodetic_to_enu(np.array([place]), surveyed)[0].tolist()
+        if not contradict((east, north, up), sigma_m, fix_sigma_m):
+            return []
+        reason = f"its box's receiver says it is {words((east, north, up))} the surveyed position, which is used"
+        action = "survey it again (base-station survey), or correct the box's gnss.lever_arm_m"
+        return [Check(f"position {camera}", "warn", reason, action)]
+
+    def by_fixes(self, camera: str) -> bool:
+        """Whether a camera's position is that of its box's fixes, and not a surveyed one."""
+        return self._cameras[camera].position is None
 
     def site_camera(self, camera: str, box: CameraIntake) -> SiteCamera | None:
         """What is known of a camera before calibrating, or None without a lens."""

@@ -111,7 +111,10 @@ class Station:
             if self.intake.lens(camera, payload, now_ns):
                 self._lens_changed(camera)
         elif topic == "fix":
+            doubts = camera.fix_doubts
             self.intake.fix(camera, payload, now_ns)
+            if camera.fix_doubts != doubts:
+                return self._position_doubted(camera)
         elif topic == "health":
             self.intake.health(camera, payload, now_ns)
         return []
@@ -272,6 +275,17 @@ class Station:
         self.guard.forget()
         for window in self.window.cameras.values():
             window.forget_before(finding.since_unix_ns)
+        return [] if tracker is None else self._export.to_wgs84(tracker.dismiss(), tracker.network.origin)
+
+    def _position_doubted(self, camera: CameraIntake) -> list[OutgoingTarget]:
+        """A position that the network in force was laid on is contradicted: nothing is sent until one covers it."""
+        network = self.calibration.network
+        laid_on = network is not None and network.camera(camera.id) is not None and self.positions.by_fixes(camera.id)
+        if not laid_on:
+            return []
+        self.calibration.contradict(f"{camera.id}: {camera.fix_doubt}")
+        self.guard.forget()
+        tracker = self.tracker
         return [] if tracker is None else self._export.to_wgs84(tracker.dismiss(), tracker.network.origin)
 
     def _clock_was_set(self, camera: CameraIntake, now_ns: int) -> None:

@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_rover(actions.add_parser("occupy", help="occupy one tripod with the rover, twice"), one=True)
     _add_rover(actions.add_parser("rover", help="go from tripod to tripod and close on the first"), one=False)
     boxes = actions.add_parser("boxes", help="take the positions that the boxes' own receivers have averaged")
+    _add_yes(boxes)
     boxes.add_argument("--seconds", type=float, default=15.0, help="how long to listen (default: 15)")
     typed = actions.add_parser("enter", help="enter a lens position")
     typed.add_argument("camera")
@@ -29,12 +30,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     typed.add_argument("longitude", type=float, help="degrees")
     typed.add_argument("height", type=float, help="metres above the ellipsoid")
     typed.add_argument("--sigma", type=float, nargs=3, metavar=("EAST", "NORTH", "UP"), required=True, help="metres")
+    _add_yes(typed)
     typed.add_argument("--source", default="typed in", help="where the numbers come from")
     table = actions.add_parser("import", help=f"enter a CSV file with the columns {','.join(CSV_COLUMNS)}")
     table.add_argument("csv", type=Path)
+    _add_yes(table)
     drop = actions.add_parser("drop", help="remove a tripod, or one of its occupations")
     drop.add_argument("camera")
     drop.add_argument("occupation", type=int, nargs="?", help="its number in `survey show`")
+    right = actions.add_parser("trust", help="say that a tripod's position is right though a round did not close")
+    right.add_argument("camera")
     tape = actions.add_parser("tape", help="add a taped distance between two lenses")
     tape.add_argument("first")
     tape.add_argument("second")
@@ -43,6 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_frame(actions.add_parser("frame", help="say which frame the coordinates are in, or convert them"))
     check = actions.add_parser("check", help="test the survey against a calibrated network")
     check.add_argument("network", type=Path, help="network.toml")
+
+
+def _add_yes(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--yes", action="store_true", help="replace what contradicts it without asking")
 
 
 def _add_rover(parser: argparse.ArgumentParser, *, one: bool) -> None:

@@ -1,5 +1,6 @@
 """What a survey is worth: loop closures, taped distances, a calibrated network beside it; and all of it in words."""
 
+import datetime as dt
 import math
 from typing import Final
 
@@ -11,9 +12,11 @@ from calib.network import POSE_SIZE, Network
 from calib.solving.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
 from calib.station.survey.derive import absolute_sigmas, occupations_of
 from calib.station.survey.frames import frame_known
-from calib.station.survey.store import CameraTable, Survey
+from calib.station.survey.store import CameraTable, ClosureTable, Survey
 from calib.survey import Closure, apart, loop_closure
 from edge.common.arrays import Array
+from edge.common.units import NS
+from edge.gnss.kept_fix import words
 
 LEAST_CAMERAS: Final = 3  # fewer say nothing about the survey: their shape is free
 LEAST_PRIOR_SIGMA_M: Final = 1e-3  # an entered sigma of zero would be an infinite weight
@@ -80,10 +83,21 @@ def describe(survey: Survey) -> str:
     if sigmas := absolute_sigmas(survey):
         worst = max(math.hypot(*sigma[:2]) for sigma in sigmas.values())
         lines.append(f"in WGS 84: {worst:.2f} m horizontally, the frame's uncertainty included")
+    lines += [_describe_failure(each) for each in survey.closure]
     if closure := closure_of(survey):
         lines.append(f"loop closure on {closure[0]} {closure[1]}")
     lines += [str(check) for check in tape_checks(survey)]
     return "\n".join(lines)
+
+
+def _describe_failure(closure: ClosureTable) -> str:
+    """A round that did not close: by how much, whose fault it may be, and how it is settled."""
+    when = dt.datetime.fromtimestamp(closure.t_unix_ns / NS, dt.UTC)
+    return (
+        f"WARNING: not closed: back on {closure.camera} at {when:%Y-%m-%d %H:%M:%S} UTC it was {words(closure.off_m)} "
+        f"where it was before: one or more of {', '.join(closure.cameras)} are false, sigma covers it; drop those "
+        "and occupy them again, or say which are right with `base-station survey trust`"
+    )
 
 
 def _describe_camera(table: CameraTable) -> list[str]:

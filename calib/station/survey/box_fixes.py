@@ -15,14 +15,18 @@ from typing import Final
 from calib.station.core.intake import Intake
 from calib.station.core.positions import check_offset
 from calib.station.survey import edit
-from calib.station.survey.call import SurveyCall, store
+from calib.station.survey.call import SurveyCall, not_replaced, replaced, store
 from calib.station.survey.store import Survey
 from edge.common.errors import ConfigError
+from edge.common.units import NS
+from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
 from edge.link.ports import beside_listener
 from edge.messages import Fix, camera_key, camera_of_key
 
 LOOK_S: Final = 0.5  # between two looks at whether the session is open
+HEALTH_S: Final = 2.5  # a box says how it is once a second
+LONGEST_AGE_S: Final = 60.0  # of a fix whose box has something to say of its receiver
 
 
 @dataclass(frozen=True)
@@ -36,13 +40,18 @@ class BoxFixes:
 def take_boxes(call: SurveyCall) -> int:
     """Workflow one: a receiver on each box. Raises ConfigError if no box sends a position."""
     found = fixes_of(call)
-    survey = call.survey
+    survey, kept = call.survey, []
     for camera, fix in sorted(found.fixes.items()):
-        survey = _entered(survey, camera, fix)
+        entered = _entered(survey, camera, fix)
+        if replaced(call, entered, camera):
+            survey = entered
+        else:
+            print(not_replaced(camera), file=sys.stderr)
+            kept.append(camera)
     names = [camera.id for camera in call.config.camera]
     for camera in (name for name in names if name not in found.fixes):
         print(f"{camera}: {found.refused.get(camera, 'no position came')}", file=sys.stderr)
-    return store(call, survey)
+    return store(call, survey) or int(bool(kept))
 
 
 def fixes_of(call: SurveyCall) -> BoxFixes:
@@ -52,19 +61,48 @@ def fixes_of(call: SurveyCall) -> BoxFixes:
     settings = beside_listener(call.config.link)
     until_s = time.monotonic() + call.args.seconds
     with Link(settings, name="survey") as link:
-        inbox = link.watch_state(camera_key(call.config.site.name, "*", "fix"))
+        site = call.config.site.name
+        inbox, said = link.watch_state(camera_key(site, "*", "fix")), link.subscribe(camera_key(site, "*", "health"))
         while _missing(intake) and (left_s := until_s - time.monotonic()) > 0:
             received = inbox.get(min(left_s, LOOK_S))
             camera = intake.cameras.get(camera_of_key(received.key) or "") if received is not None else None
             if received is not None and camera is not None:
                 intake.fix(camera, received.payload, received.t_monotonic_ns)
+        _hear_health(intake, said)
         error = link.error
+    _look_at_health(intake)
     fixes = {name: box.fix for name, box in intake.cameras.items() if box.fix is not None}
     refused = {name: "; ".join(fault[0] for fault in box.faults.values()) for name, box in intake.cameras.items()}
     refused = {name: why for name, why in refused.items() if why}
     if not fixes:
         raise _nothing(settings.connect, error, refused)
     return BoxFixes(fixes, refused)
+
+
+def _hear_health(intake: Intake, said: Inbox[Received]) -> None:
+    """How each box that has sent a position is: it says so once a second."""
+    until_s = time.monotonic() + HEALTH_S
+    while (left_s := until_s - time.monotonic()) > 0:
+        if all(box.health is not None for box in intake.cameras.values() if box.fix is not None):
+            return
+        received = said.get(left_s)
+        camera = intake.cameras.get(camera_of_key(received.key) or "") if received is not None else None
+        if received is not None and camera is not None:
+            intake.health(camera, received.payload, received.t_monotonic_ns)
+
+
+def _look_at_health(intake: Intake) -> None:
+    """A position that its box's own receiver speaks against, or that it has not confirmed lately, is not taken."""
+    for box in intake.cameras.values():
+        gnss = next((item for item in box.health.items if item.name == "gnss"), None) if box.health else None
+        if box.fix is None or box.health is None or gnss is None or gnss.level == "ok":
+            continue
+        age_s = (box.health.t_unix_ns - box.fix.t_unix_ns) / NS
+        if gnss.level == "fail" or age_s > LONGEST_AGE_S:
+            old = f" and it is {age_s:.0f} s old" if age_s > LONGEST_AGE_S else ""
+            why = f"its box's receiver does not stand by its position ({gnss.reason}){old}"
+            box.fault("receiver", why, gnss.action, 0)
+            box.fix = None
 
 
 def _missing(intake: Intake) -> bool:

@@ -9,11 +9,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from calib.errors import CalibrationError
+from calib.geodesy import geodetic_to_enu
 from calib.station.config import BaseConfig
 from calib.station.survey import assessment
 from calib.station.survey.in_force import survey_file
-from calib.station.survey.store import Survey, save_survey
+from calib.station.survey.store import CameraTable, Survey, save_survey
 from edge.common.errors import ConfigError
+from edge.gnss.kept_fix import contradict, words
 
 Ask = Callable[[str], str]
 
@@ -36,6 +41,36 @@ def configured(call: SurveyCall, camera: str) -> None:
         raise ConfigError(
             f"no camera {camera}", where=str(call.args.config), action=f"configured are: {', '.join(names)}"
         )
+
+
+def replaced(call: SurveyCall, survey: Survey, camera: str) -> bool:
+    """Whether `survey` may replace what is stored of a camera: asked where the two contradict each other."""
+    old, new = call.survey.of(camera), survey.of(camera)
+    if old is None or new is None or not (old.position and new.position and old.position_sigma and new.position_sigma):
+        return True
+    east, north, up = geodetic_to_enu(np.array([new.position]), old.position)[0].tolist()
+    if call.args.yes or not contradict((east, north, up), new.position_sigma, old.position_sigma):
+        return True
+    question = f"{camera}: the new position is {words((east, north, up))} the stored one ({origin_of(old)})"
+    try:
+        return call.ask(f"{question}; replace it? [y/N] ").strip().lower().startswith("y")
+    except EOFError:
+        print()
+        return False
+
+
+def not_replaced(camera: str) -> CalibrationError:
+    """What to say of a position that was not stored, because it contradicts the stored one."""
+    return CalibrationError(
+        "not stored: it contradicts the position that is stored",
+        where=f"camera {camera}",
+        action="see which of the two is right; `base-station survey drop` removes the stored one, --yes replaces it",
+    )
+
+
+def origin_of(table: CameraTable) -> str:
+    """Where a stored position comes from."""
+    return table.entered.source if table.entered else f"{len(table.occupation)} occupations"
 
 
 def store(call: SurveyCall, survey: Survey) -> int:

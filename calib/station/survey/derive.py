@@ -4,6 +4,8 @@ The hazard is a derived number that outlives what it was derived from. So nothin
 computes all of it anew.
 """
 
+import math
+
 import numpy as np
 from msgspec.structs import asdict, replace
 
@@ -28,8 +30,18 @@ def derived(survey: Survey) -> Survey:
     for table in survey.camera:
         point = points.get(table.id)
         position = _rounded(positions[table.id]) if point else None
-        tables.append(replace(table, position=position, position_sigma=point.sigma_m if point else None))
+        sigma_m = _closed(survey, table.id, point.sigma_m) if point else None
+        tables.append(replace(table, position=position, position_sigma=sigma_m))
     return replace(survey, site=site, camera=tuple(tables))
+
+
+def _closed(survey: Survey, camera: str, sigma_m: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A point's sigma: with what rounds miss by in which it may be the false one."""
+    for closure in survey.closure:
+        if camera in closure.cameras:
+            east, north, up = (math.hypot(sigma, off) for sigma, off in zip(sigma_m, closure.off_m, strict=True))
+            sigma_m = (east, north, up)
+    return sigma_m
 
 
 def absolute_sigmas(survey: Survey) -> dict[str, tuple[float, float, float]]:

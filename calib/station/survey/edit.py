@@ -4,12 +4,15 @@ import csv
 import io
 from typing import Final
 
+import numpy as np
 from msgspec.structs import replace
 
+from calib.geodesy import geodetic_to_enu
 from calib.station.core.positions import lens_position
-from calib.station.survey.derive import derived
+from calib.station.survey.derive import derived, occupations_of
 from calib.station.survey.frames import frame_known
-from calib.station.survey.store import CameraTable, EnteredTable, OccupationTable, Survey, TapeTable
+from calib.station.survey.store import CameraTable, ClosureTable, EnteredTable, OccupationTable, Survey, TapeTable
+from calib.survey import apart
 from edge.common.errors import ConfigError
 from edge.common.settings import build
 from edge.messages import Fix
@@ -24,12 +27,45 @@ def add_occupation(survey: Survey, camera: str, occupation: OccupationTable) -> 
     return derived(survey.with_camera(occupied))
 
 
+def closure_failed(survey: Survey, camera: str, occupation: OccupationTable) -> Survey | None:
+    """With what a round missed by that came back to a tripod, kept with the points it may be the fault of.
+
+    None if the occupation contradicts none of the tripod's earlier ones.
+    """
+    table = survey.of(camera) or CameraTable(id=camera)
+    earlier, now = occupations_of(table), occupations_of(CameraTable(id=camera, occupation=(occupation,)))[0]
+    first = next((each for each in earlier if apart(each, now).too_far), None)
+    if first is None:
+        return None
+    east, north, up = geodetic_to_enu(np.array([now.lens_geodetic]), first.lens_geodetic)[0].tolist()
+    since = tuple(
+        other.id for other in survey.camera if any(each.t_unix_ns >= first.t_unix_ns for each in other.occupation)
+    )
+    closure = ClosureTable(
+        camera=camera, t_unix_ns=occupation.t_unix_ns, off_m=(round(east, 4), round(north, 4), round(up, 4)),
+        cameras=since,
+    )  # fmt: skip
+    return derived(replace(survey, closure=(*survey.closure, closure)))
+
+
+def trust(survey: Survey, camera: str) -> Survey:
+    """With a point that the operator knows to be right: rounds that did not close are not its fault."""
+    _known(survey, camera)
+    return derived(_acquitted(survey, camera))
+
+
+def _acquitted(survey: Survey, camera: str) -> Survey:
+    """The survey with a tripod out of every closure's suspects; a closure without suspects is over."""
+    left = [replace(each, cameras=tuple(name for name in each.cameras if name != camera)) for each in survey.closure]
+    return replace(survey, closure=tuple(each for each in left if each.cameras))
+
+
 def drop_camera(survey: Survey, camera: str) -> Survey:
     """Without a tripod and the tapes that end there. Raises ConfigError if it is not there."""
     _known(survey, camera)
     left = tuple(table for table in survey.camera if table.id != camera)
     tapes = tuple(tape for tape in survey.tape if camera not in (tape.first, tape.second))
-    return derived(replace(survey, camera=left, tape=tapes))
+    return derived(_acquitted(replace(survey, camera=left, tape=tapes), camera))
 
 
 def drop_occupation(survey: Survey, camera: str, number: int) -> Survey:
@@ -44,7 +80,7 @@ def drop_occupation(survey: Survey, camera: str, number: int) -> Survey:
     left = tuple(each for i, each in enumerate(table.occupation, start=1) if i != number)
     if not left:
         return drop_camera(survey, camera)
-    return derived(survey.with_camera(replace(table, occupation=left)))
+    return derived(_acquitted(survey.with_camera(replace(table, occupation=left)), camera))
 
 
 def enter(
@@ -57,7 +93,7 @@ def enter(
     """With a lens position from elsewhere in place of what was there. Raises ConfigError for numbers out of range."""
     entered = {"position": list(position), "sigma": list(sigma), "source": source}
     table = build({"id": camera, "entered": entered}, CameraTable, where=f"camera {camera}")
-    return derived(survey.with_camera(table))
+    return derived(_acquitted(survey.with_camera(table), camera))
 
 
 def enter_csv(survey: Survey, text: str, source: str) -> Survey:
@@ -92,7 +128,7 @@ def enter_fix(survey: Survey, camera: str, fix: Fix) -> Survey:
     point = "" if fix.of == "lens" else ", of its antenna"
     source = f"the box's receiver{point}, {fix.samples} epochs"
     entered = EnteredTable(position=position, sigma=sigma_m, source=source)
-    return derived(labelled.with_camera(CameraTable(id=camera, entered=entered)))
+    return derived(_acquitted(labelled.with_camera(CameraTable(id=camera, entered=entered)), camera))
 
 
 def add_tape(survey: Survey, tape: TapeTable) -> Survey:

@@ -19,6 +19,7 @@ from calib.station.survey.store import AntennaTable, OccupationTable, Survey
 from edge.common.errors import ConfigError
 from edge.common.settings import build
 from edge.config import GnssConfig
+from edge.gnss.kept_fix import words
 
 
 def occupy_one(call: SurveyCall) -> int:
@@ -39,6 +40,10 @@ def rover_round(call: SurveyCall) -> int:
         while camera := _choose(call, first):
             try:
                 call = replace(call, survey=_occupy_tripod(call, receiver, antenna, camera))
+            except _NotClosedError as error:
+                print(f"not stored: {error}", file=sys.stderr)
+                call = replace(call, survey=error.survey)
+                continue
             except CalibrationError as error:
                 print(f"not stored: {error}", file=sys.stderr)
                 continue
@@ -47,6 +52,20 @@ def rover_round(call: SurveyCall) -> int:
     closure = assessment.closure_of(call.survey)
     print(f"loop closure on {closure[0]} {closure[1]}" if closure else "the round was not closed on its first tripod")
     return 0 if closure and not closure[1].apart.too_far else 1
+
+
+class _NotClosedError(CalibrationError):
+    """An occupation that contradicts an earlier one of its tripod. survey: with that kept in it."""
+
+    def __init__(self, survey: Survey, camera: str) -> None:
+        closure = survey.closure[-1]
+        super().__init__(
+            f"it is {words(closure.off_m)} where it was before: one of {', '.join(closure.cameras)} is false, "
+            "or the base or the tripod moved",
+            where=f"camera {camera}",
+            action="see `base-station survey show`; drop what is false and occupy it again",
+        )
+        self.survey = survey
 
 
 def _choose(call: SurveyCall, first: str | None) -> str:
@@ -64,6 +83,9 @@ def _choose(call: SurveyCall, first: str | None) -> str:
 def _occupy_tripod(call: SurveyCall, receiver: PositionInput, antenna: AntennaTable, camera: str) -> Survey:
     """Both occupations of one tripod, compared, accepted by the operator and stored."""
     first = _one_occupation(call, receiver, antenna, f"{camera}, first")
+    if failed := edit.closure_failed(call.survey, camera, first):
+        keep(call, failed)
+        raise _NotClosedError(failed, camera)
     survey = edit.add_occupation(call.survey, camera, first)
     if not call.args.once:
         print("now break the corrections or cover the antenna until the fix is lost, then let it fix again")

@@ -85,6 +85,18 @@ class TapeTable(Table, frozen=True, kw_only=True):
     sigma_m: Annotated[float, Meta(gt=0, le=1)] = 0.01
 
 
+class ClosureTable(Table, frozen=True, kw_only=True):
+    """The rover came back to a tripod and it was elsewhere: off_m from where it was, east, north, up.
+
+    cameras: the tripods occupied since, one or more of which are as false as that.
+    """
+
+    camera: Name
+    t_unix_ns: TimeNs
+    off_m: tuple[float, float, float]
+    cameras: tuple[Name, ...]
+
+
 class SurveySite(Table, frozen=True, kw_only=True):
     """What holds for all points: raw_frame and epoch of the raw coordinates; convert_to a frame, if one is wanted."""
 
@@ -107,6 +119,7 @@ class Survey(Table, frozen=True, kw_only=True):
     site: SurveySite
     camera: tuple[CameraTable, ...] = ()
     tape: tuple[TapeTable, ...] = ()
+    closure: tuple[ClosureTable, ...] = ()
 
     def of(self, camera: str) -> CameraTable | None:
         """The tripod of that camera, if it is in the file."""

@@ -175,3 +175,45 @@ def test_what_cannot_be_done_says_why_and_changes_nothing(
         call(*arguments)
     assert caught.value.action
     assert not file.exists()
+
+
+def enter(call: Callable[..., int], longitude: float, *more: str, ask: Callable[[str], str]) -> int:
+    return call("enter", "cam1", 48.1, longitude, 500.0, "--sigma", 0.01, 0.01, 0.02, *more, ask=ask)
+
+
+def test_a_typed_position_that_contradicts_the_stored_one_asks(call: Callable[..., int], file: Path) -> None:
+    enter(call, 11.5, ask=lambda _: "")
+    stored, metre = file.read_text(), 1 / 74_500
+    asked: list[str] = []
+    for answer in ("n", "", "no"):
+        with pytest.raises(CalibrationError, match="contradicts"):
+            enter(call, 11.5 + 30 * metre, ask=lambda prompt, said=answer: asked.append(prompt) or said)  # type: ignore[misc]
+    assert "29.995 m beside" in asked[0]
+    assert file.read_text() == stored
+    assert enter(call, 11.5 + 0.01 * metre, ask=lambda _: pytest.fail("asked")) == 0
+    assert enter(call, 11.5 + 30 * metre, ask=lambda _: "y") == 0
+    assert enter(call, 11.5, "--yes", ask=lambda _: pytest.fail("asked")) == 0
+
+
+def test_a_round_that_does_not_close_stays_with_its_points_until_they_are_settled(
+    rover: Rover, call: Callable[..., int], file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    once = ("--device", rover.device, "--seconds", "20", "--once", "--yes", *ANTENNA)
+    for camera, east_m in (("cam1", 0.0), ("cam2", 30.0), ("cam3", 61.3)):
+        rover.offset_m = np.array([east_m, 0.0, 0.0])
+        assert call("occupy", camera, *once) == 0
+    rover.offset_m = np.array([1.3, 0.0, 0.0])
+    with pytest.raises(CalibrationError, match=r"1\.30. m beside"):
+        call("occupy", "cam1", *once)
+    capsys.readouterr()
+    call("show")
+    assert "not closed: back on cam1" in capsys.readouterr().out
+    tables = load_survey(file).camera
+    assert all(table.position_sigma and table.position_sigma[0] > 1.29 for table in tables)
+    call("trust", "cam1")
+    call("trust", "cam2")
+    call("drop", "cam3")
+    assert "not closed" not in capsys.readouterr().out.splitlines()[-1]
+    after = load_survey(file)
+    assert after.closure == ()
+    assert all(table.position_sigma and table.position_sigma[0] < 0.03 for table in after.camera)
