@@ -15,7 +15,7 @@ from edge.clock.settings import ClockBound, ClockConfig
 from edge.common.errors import ConfigError, LensError
 from edge.common.settings import build, load
 from edge.detector.formats import AUTO, FormatName, check_format
-from edge.gnss.decoders import ProtocolName, check_protocols
+from edge.gnss.settings import ReceiverSettings
 from edge.lens import LensModel, LensName, check_lens_name
 from edge.link.security import Bearer
 from edge.link.settings import BOX_LINK, LinkSettings
@@ -145,31 +145,14 @@ class GateConfig(Section, frozen=True, kw_only=True):
     )
 
 
-class GnssConfig(Section, frozen=True, kw_only=True):
+class GnssConfig(ReceiverSettings, frozen=True, kw_only=True):
     """The box's RTK receiver."""
 
-    device: Annotated[str, Meta(min_length=1, description="serial device, socket://host:port or a recording")]
-    baud: Annotated[int, Meta(ge=0, le=4_000_000, description="bits a second; 0: try the usual ones")] = 115200
-    protocols: Annotated[
-        tuple[ProtocolName, ...], Meta(description="what it sends; empty: whichever of them are recognised")
-    ] = ()
-    service: Annotated[
-        Literal["own-base", "network-rtk", "ppp-rtk"], Meta(description="where the corrections come from")
-    ] = "network-rtk"
-    baseline_m: Annotated[float, Meta(ge=0, le=1e5, description="to the base station, where there is a real one")] = 0.0
     frame: Annotated[str, Meta(description="the corrections' reference frame, such as ETRS89")] = "WGS84"
-    separation_m: Annotated[
-        Annotated[float, Meta(ge=-120, le=100)] | None,
-        Meta(description="geoid above ellipsoid, only for a receiver that sends none"),
-    ] = None
-    accept_unknown_age: Annotated[bool, Meta(description="for a receiver that sends no age of corrections")] = False
     lever_arm_m: Annotated[
         tuple[LeverArm, LeverArm, LeverArm] | None,
         Meta(description="antenna's phase centre minus lens: east, north, up metres; left out: not known"),
     ] = None
-
-    def __post_init__(self) -> None:
-        check_protocols("protocols", self.protocols)
 
 
 class SpoolConfig(Section, frozen=True, kw_only=True):

@@ -17,6 +17,7 @@ from edge.clock.settings import ClockConfig
 from edge.common import settings
 from edge.common.errors import ConfigError
 from edge.common.hosts import is_own
+from edge.gnss.settings import ReceiverSettings
 from edge.link.settings import BASE_LINK, LinkSettings
 from edge.messages import Name
 
@@ -84,11 +85,8 @@ class CameraSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     ] = UNSTATED_SIGMA_M
 
 
-class ReceiverSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A GNSS receiver on the base, for `base-station survey` with a rover."""
-
-    device: Annotated[str, Meta(min_length=1, description="serial device, socket://host:port or a recording")]
-    baud: Annotated[int, Meta(ge=4800, le=921600, description="bits a second")] = 115200
+class ReceiverSection(ReceiverSettings, frozen=True, kw_only=True):
+    """A GNSS receiver on the base, for `base-station survey` with a rover: read as a box reads its own."""
 
 
 class CalibrationSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -126,6 +126,10 @@ ADVICE: Final = {
     Reason.AGE_UNKNOWN: "make the receiver send the age, or set accept_unknown_age",
     Reason.RESOLUTION: "switch the receiver's high-precision output on (u-blox: CFG-NMEA-HIGHPREC)",
     Reason.SEPARATION: "make the receiver send the geoid separation, or set separation_m",
+    Reason.GEOID: (
+        "make the receiver send the right one, or set separation_m, which then replaces it: 0 if its heights are above "
+        "the ellipsoid already"
+    ),
     Reason.RANGE: "check the receiver's settings",
     Reason.DOUBT: "give the antenna a free view of the sky and wait",
     Reason.GEOMETRY: "wait for the satellites to move, or give the antenna a free view of the sky",

@@ -21,6 +21,7 @@ OPEN_EPOCHS: Final = 2  # one being filled, one whose last message may still com
 class Place:
     """A position as it was sent. height_m: above the ellipsoid; above the geoid where `above_geoid`.
 
+    separation_m: of the geoid from the ellipsoid, as far as height_m holds it; None where the message has none.
     step_m: its resolution, horizontal and vertical. resolution: the same as an operator sees it in the message.
     """
 
@@ -30,6 +31,7 @@ class Place:
     step_m: tuple[float, float]
     resolution: str
     above_geoid: bool = False
+    separation_m: float | None = None
 
 
 @dataclass(frozen=True)

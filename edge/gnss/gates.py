@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from edge.gnss.epoch import MS_PER_DAY, RTK_FIXED, Epoch, Part
+from edge.gnss.epoch import MS_PER_DAY, RTK_FIXED, Epoch, Part, Place
+from edge.gnss.geoid import SITE_ZERO_M, contradiction, undulation_m
 
 MAX_AGE_S: Final = 5.0  # corrections older than this have let the position drift by centimetres
 MAX_RESOLUTION_M: Final = 0.002  # six decimals of a minute; five, 18.6 mm, bias a quiet receiver's mean by up to 10 mm
@@ -45,6 +46,7 @@ class Reason(StrEnum):
     AGE_UNKNOWN = "age of corrections unknown"
     RESOLUTION = "too few decimals"
     SEPARATION = "geoid separation missing"
+    GEOID = "geoid separation contradicted"
     RANGE = "out of range"
     DOUBT = "receiver doubts itself"
     GEOMETRY = "satellites stand badly"
@@ -82,12 +84,15 @@ class Position:
 
 @dataclass(frozen=True)
 class Policy:
-    """What an operator may set. separation_m stands in for a blank geoid separation, never for one that is there.
+    """What an operator may set, and what is known of the site.
 
+    separation_m: the geoid's, used whatever the receiver says of it; None: the receiver's own, held against EGM96 and
+    against undulation_m, the geoid above the ellipsoid at the site, where that is known.
     earliest: a date before it is a receiver whose week counter has wrapped; None for recordings.
     """
 
     separation_m: float | None = None
+    undulation_m: float | None = None
     accept_unknown_age: bool = False
     earliest: dt.date | None = None
 
@@ -161,9 +166,27 @@ def _of_part(epoch: Epoch, part: Part, policy: Policy) -> Position | Refusal:
         return Refusal(Reason.SEPARATION, "enter separation_m, or make the receiver send it")
     if place.step_m[0] > MAX_RESOLUTION_M:
         return Refusal(Reason.RESOLUTION, place.resolution)
-    height_m = place.height_m + ((policy.separation_m or 0.0) if place.above_geoid else 0.0)
+    height_m = place.height_m
+    if policy.separation_m is not None and (place.above_geoid or place.separation_m is not None):
+        height_m += policy.separation_m - (place.separation_m or 0.0)
     position = Position(epoch.t_day_ms, epoch.date, place.lat_deg, place.lon_deg, height_m, place.step_m, part.source)
-    return _in_range(position)
+    verdict = _in_range(position)
+    if isinstance(verdict, Position) and (wrong := _contradicted(place, policy)):
+        return Refusal(Reason.GEOID, wrong)
+    return verdict
+
+
+def _contradicted(place: Place, policy: Policy) -> str:
+    """Why the separation that a receiver sends cannot be right; empty if it can, or another one is used."""
+    if place.separation_m is None or policy.separation_m is not None:
+        return ""
+    of_site = ""
+    if policy.undulation_m is not None:
+        of_site = contradiction(
+            place.separation_m, policy.undulation_m, "site.undulation_m is", zero_from_m=SITE_ZERO_M
+        )
+    of_model = contradiction(place.separation_m, undulation_m(place.lat_deg, place.lon_deg), "EGM96 says")
+    return of_site or of_model
 
 
 def _in_range(position: Position) -> Position | Refusal:

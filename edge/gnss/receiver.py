@@ -54,14 +54,19 @@ class Receiver(OwnThread):
         self,
         config: GnssConfig,
         *,
+        undulation_m: float | None = None,
         opener: Callable[[str, int], ReceiverPort] = open_port,
         monotonic_s: Callable[[], float] = time.monotonic,
         unix_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Raises ConfigError where the antenna's offset cannot be allowed for."""
+        """undulation_m: geoid above ellipsoid at the site, where it is known.
+
+        Raises ConfigError where the antenna's offset cannot be allowed for.
+        """
         super().__init__("gnss", RECEIVER_CLOSE_S)
         check_lever_arm(config)
         self._config = config
+        self._undulation_m = undulation_m
         self._opener = opener
         self._monotonic_s = monotonic_s
         self._unix_ns = unix_ns
@@ -114,6 +119,7 @@ class Receiver(OwnThread):
     def _new_session(self) -> StaticSession:
         policy = Policy(
             separation_m=self._config.separation_m,
+            undulation_m=self._undulation_m,
             accept_unknown_age=self._config.accept_unknown_age,
             earliest=None if self._recorded else EARLIEST,
         )

@@ -17,7 +17,7 @@ import msgspec
 
 from calib.station.archive.state_store import StateStore
 from calib.station.commands.arguments import add_config, folder_of
-from calib.station.config import MIN_CAMERAS, BaseConfig, load
+from calib.station.config import MIN_CAMERAS, BaseConfig, Geodetic, load
 from calib.station.core.calibration import Phase
 from calib.station.core.stored_state import StoredState
 from calib.station.outputs.registry import OutputHost, open_output, wanted
@@ -26,6 +26,7 @@ from calib.station.status.asking import Running, running_station
 from calib.station.survey.in_force import survey_file, twice_given, with_survey
 from edge.clock.monitor import read_clock
 from edge.common.errors import ConfigError
+from edge.gnss.geoid import SITE_ZERO_M, contradiction, undulation_m
 from edge.link.ports import place, why_not_free
 from edge.link.security import Bearer, check_security
 
@@ -113,9 +114,20 @@ def _positions(config: BaseConfig, folder: Path) -> Iterator[Line]:
     else:
         action = "base-station survey, or wait for the boxes"
         yield Line("WARN", "survey", f"{reason}; the others' boxes must send RTK fixes", action)
+    yield from _undulation(config, [camera.position for camera in cameras.values() if camera.position is not None])
     if twice:
         reason = f"{', '.join(twice)}: the position in the configuration is used, not the one in {file}"
         yield Line("WARN", "survey", reason, "take `position` out of the configuration, or `base-station survey drop`")
+
+
+def _undulation(config: BaseConfig, surveyed: list[Geodetic]) -> Iterator[Line]:
+    """Whether the site's geoid is the one that EGM96 has there: a wrong sign draws every target on the wrong height."""
+    given_m, places = config.site.undulation_m, [*([config.site.origin] if config.site.origin else []), *surveyed]
+    if given_m is None or not places:
+        return
+    if wrong := contradiction(given_m, undulation_m(*places[0][:2]), "EGM96 says", zero_from_m=SITE_ZERO_M):
+        action = "set [site] undulation_m to the geoid's height above the ellipsoid there"
+        yield Line("WARN", "undulation", f"site.undulation_m is {wrong}", action)
 
 
 def _memory(config: BaseConfig, folder: Path) -> Iterator[Line]:

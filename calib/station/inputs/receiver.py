@@ -2,6 +2,9 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
+
+import msgspec
 
 from calib.station.config import ReceiverSection
 from calib.station.inputs.input import PositionInput
@@ -11,20 +14,20 @@ from edge.config import GnssConfig
 from edge.gnss.receiver import Receiver
 
 
-def receiver_settings(
-    section: ReceiverSection | None, *, device: str | None, service: str, baseline_m: float, where: str
-) -> GnssConfig:
-    """How the receiver is read. device: instead of the section's. where: the configuration. Raises ConfigError."""
-    chosen = device or (section.device if section is not None else None)
-    if chosen is None:
+def receiver_settings(section: ReceiverSection | None, *, where: str, **own: Any) -> GnssConfig:
+    """How the receiver is read. own: keys of the section that were given otherwise, None where they were not.
+
+    where: the configuration. Raises ConfigError.
+    """
+    table = {"baud": 0} if section is None else msgspec.to_builtins(section)  # 0: the usual ones are tried
+    table |= {key: value for key, value in own.items() if value is not None}
+    if table.get("device") is None:
         raise ConfigError("no receiver", where=where, action="give --device, or [receiver] device")
-    baud = 0 if section is None else section.baud  # 0: the usual ones are tried
-    table = {"device": chosen, "baud": baud, "service": service, "baseline_m": baseline_m}
     return build(table, GnssConfig, where="receiver")
 
 
 @contextmanager
-def opened_receiver(settings: GnssConfig) -> Iterator[PositionInput]:
-    """A receiver that is read by a thread of its own until the context is left."""
-    with Receiver(settings) as receiver:
+def opened_receiver(settings: GnssConfig, undulation_m: float | None = None) -> Iterator[PositionInput]:
+    """A receiver that is read by a thread of its own until the context is left. undulation_m: as Receiver has it."""
+    with Receiver(settings, undulation_m=undulation_m) as receiver:
         yield receiver

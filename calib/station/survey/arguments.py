@@ -58,9 +58,11 @@ def _add_rover(parser: argparse.ArgumentParser, *, one: bool) -> None:
     if one:
         parser.add_argument("camera")
     parser.add_argument("--device", help="the rover's port (default: receiver.device of the configuration)")
-    parser.add_argument("--service", choices=sorted(SERVICES), default="network-rtk", help="kind of corrections")
+    parser.add_argument("--service", choices=sorted(SERVICES), help="kind of corrections (default: receiver.service)")
+    parser.add_argument("--baseline", type=float, help="metres to the base station (default: receiver.baseline_m)")
+    parser.add_argument("--separation", type=float, help="as receiver.separation_m: geoid above ellipsoid, metres")
     parser.add_argument(
-        "--baseline", type=float, default=0.0, help="metres to the base station, if there is a real one"
+        "--accept-unknown-age", action="store_true", default=None, help="as receiver.accept_unknown_age"
     )
     parser.add_argument("--seconds", type=float, default=OCCUPATION_S, help=f"each time (default: {OCCUPATION_S:g})")
     parser.add_argument("--once", action="store_true", help="one occupation only: a false fix goes unseen")

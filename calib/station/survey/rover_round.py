@@ -26,7 +26,7 @@ def occupy_one(call: SurveyCall) -> int:
     """One tripod. Returns the exit code; raises CalibrationError if it is not accepted."""
     configured(call, call.args.camera)
     antenna = _antenna(call)
-    with opened_receiver(_receiver_settings(call)) as receiver:
+    with opened_receiver(_receiver_settings(call), call.config.site.undulation_m) as receiver:
         survey = _occupy_tripod(call, receiver, antenna, call.args.camera)
     print("\n".join(remarks(call, survey)))
     return 0
@@ -36,7 +36,7 @@ def rover_round(call: SurveyCall) -> int:
     """The whole round: every camera in the order of the operator's choice, and back to the first."""
     antenna = _antenna(call)
     first: str | None = None
-    with opened_receiver(_receiver_settings(call)) as receiver:
+    with opened_receiver(_receiver_settings(call), call.config.site.undulation_m) as receiver:
         while camera := _choose(call, first):
             try:
                 call = replace(call, survey=_occupy_tripod(call, receiver, antenna, camera))
@@ -114,10 +114,12 @@ def _receiver_settings(call: SurveyCall) -> GnssConfig:
     args = call.args
     return receiver_settings(
         call.config.receiver,
+        where=str(args.config),
         device=args.device,
         service=args.service,
         baseline_m=args.baseline,
-        where=str(args.config),
+        separation_m=args.separation,
+        accept_unknown_age=args.accept_unknown_age,
     )
 
 

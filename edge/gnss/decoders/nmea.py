@@ -164,7 +164,8 @@ def _place(gga: Gga) -> Place | None:
     step_m = (_M_PER_MINUTE * 10.0**-gga.decimals, 10.0**-gga.altitude_decimals)
     above_geoid = gga.separation_m is None
     height_m = gga.altitude_m + (gga.separation_m or 0.0)
-    return Place(gga.lat_deg, gga.lon_deg, height_m, step_m, f"{gga.decimals} decimals of a minute", above_geoid)
+    resolution = f"{gga.decimals} decimals of a minute"
+    return Place(gga.lat_deg, gga.lon_deg, height_m, step_m, resolution, above_geoid, gga.separation_m)
 
 
 def read(body: bytes) -> Record | None:

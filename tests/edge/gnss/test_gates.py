@@ -4,6 +4,7 @@ import datetime as dt
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,6 +28,7 @@ from edge.gnss.gates import (
     metres_per_degree,
     offset_m,
 )
+from edge.gnss.geoid import undulation_m
 
 GGA = Gga(43_200_000, 48.0, 11.0, 4, 12, 500.0, 47.0, 1.0, "", 7, 3)
 PVT = Pvt(43_200_000, 77_000, dt.date(2026, 6, 1), True, 4, 20, 48.0, 11.0, 547.0, 1.0)
@@ -98,10 +100,63 @@ def test_what_the_operator_may_allow() -> None:
     assert position.height_m == 538.0
 
 
-def test_the_entered_separation_never_replaces_one_that_is_there() -> None:
-    position = judge(epoch(gga=GGA), Policy(separation_m=38.0))
+@pytest.mark.parametrize("sent_m", [None, 0.0, 47.0, -47.0, 12.0])
+def test_an_explicit_separation_is_used_whatever_the_receiver_sends(sent_m: float | None) -> None:
+    position = judge(epoch(gga=replace(GGA, separation_m=sent_m)), Policy(separation_m=47.2))
     assert isinstance(position, Position)
-    assert position.height_m == 547.0
+    assert position.height_m == pytest.approx(547.2)
+
+
+def test_an_explicit_separation_leaves_heights_above_the_ellipsoid_alone() -> None:
+    position = judge(epoch(gga=GGA, pvt=PVT, high_precision=PRECISE), Policy(separation_m=47.0))
+    assert isinstance(position, Position)
+    assert (position.height_m, position.source) == (547.0, "NAV-HPPOSLLH")
+
+
+def places(seed: int, count: int) -> list[tuple[float, float]]:
+    """Places all over the Earth."""
+    rng = np.random.default_rng(seed)
+    return list(zip(np.degrees(np.arcsin(rng.uniform(-1, 1, count))), rng.uniform(-180, 180, count), strict=True))
+
+
+@pytest.mark.parametrize("lie", ["zero", "sign", "other site"])
+def test_a_separation_that_cannot_be_right_is_refused_by_name_anywhere_on_earth(lie: str) -> None:
+    refused = 0
+    for lat_deg, lon_deg in places(2, 60):
+        known_m = undulation_m(lat_deg, lon_deg)
+        sent_m = {"zero": 0.0, "sign": -known_m, "other site": known_m + math.copysign(15.0, -known_m)}[lie]
+        if abs(sent_m - known_m) < 4.0:
+            continue
+        verdict = judge(epoch(gga=replace(GGA, lat_deg=lat_deg, lon_deg=lon_deg, separation_m=sent_m)), Policy())
+        assert isinstance(verdict, Refusal)
+        assert verdict.reason is Reason.GEOID
+        assert "EGM96" in verdict.detail
+        refused += 1
+    assert refused > 40
+
+
+def test_a_receivers_own_coarse_table_is_no_contradiction() -> None:
+    for lat_deg, lon_deg in places(3, 60):
+        known_m = undulation_m(lat_deg, lon_deg)
+        for off_m in (-5.3, -1.0, 0.4, 5.0):  # 5.3 m: what a u-blox F9P in data/nmea says
+            sent_m = known_m + off_m
+            if abs(sent_m + known_m) < 1.5:
+                continue  # near a zero of the geoid such an error looks like a wrong sign
+            gga = replace(GGA, lat_deg=lat_deg, lon_deg=lon_deg, separation_m=sent_m)
+            assert isinstance(judge(epoch(gga=gga), Policy()), Position)
+
+
+def test_the_sites_own_geoid_is_a_witness_too() -> None:
+    at_sea = replace(GGA, lat_deg=undulation_zero(), lon_deg=0.0)
+    assert isinstance(judge(epoch(gga=replace(at_sea, separation_m=0.0)), Policy()), Position)
+    verdict = judge(epoch(gga=replace(at_sea, separation_m=0.0)), Policy(undulation_m=1.2))
+    assert isinstance(verdict, Refusal)
+    assert "site.undulation_m" in verdict.detail
+
+
+def undulation_zero() -> float:
+    """A latitude on the meridian of Greenwich where the geoid meets the ellipsoid, to a metre."""
+    return min((abs(undulation_m(lat_deg, 0.0)), lat_deg) for lat_deg in np.arange(-80.0, 80.0, 0.05).tolist())[1]
 
 
 def test_the_precise_position_is_preferred() -> None:
