@@ -168,11 +168,18 @@ def _check(arguments: argparse.Namespace) -> int:
     config = load(arguments.config, BoxConfig)  # a lens that is not measured yet is a finding, beside all others
     print(resolved(config))
     worst = DONE
-    for check in check_box(config, arguments.config):
+    for check in check_box(config, arguments.config, _show_progress):
+        _show_progress("")
         word = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}[check.level]
         print(f"{word} {check.name}: {check.reason}" + (f"; {check.action}" if check.action else ""))
         worst = FAILED if check.level == "fail" else worst
     return worst
+
+
+def _show_progress(line: str) -> None:
+    """One line that is written over, where somebody looks."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
 
 def _lens(arguments: argparse.Namespace) -> int:

@@ -23,8 +23,8 @@ from edge.common.health import Check, HealthLevel
 from edge.config import BoxConfig, CameraConfig, DetectorConfig, load_lens
 from edge.detector.mask_file import load_mask
 from edge.detector.opening import open_detector, where_it_runs
-from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.receiver import Receiver, check_antenna
+from edge.gnss.trial import Progress, silent, try_receiver
 from edge.link.counterpart import Counterpart
 from edge.link.link import Link
 from edge.link.security import check_security
@@ -34,7 +34,6 @@ from edge.temperature import check_temperature
 
 TRIED_FRAMES: Final = 10
 STREAM_SETTLES_S: Final = 6.0  # a stream's times are settled within, as far as they will be
-RECEIVER_S: Final = 5.0  # a receiver speaks once a second
 LINK_S: Final = 2.0  # opening and hearing of a station takes well under a second on any link that is fit for use
 
 
@@ -50,8 +49,8 @@ def _without_password(camera: CameraConfig) -> CameraConfig:
     return msgspec.structs.replace(camera, source=source)
 
 
-def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
-    """One finding for each thing the box depends on."""
+def check_box(config: BoxConfig, config_file: Path, progress: Progress = silent) -> Iterator[Check]:
+    """One finding for each thing the box depends on. progress: told what is waited for."""
     yield Check("configuration", "ok", f"{config_file}: {len(config.camera)} cameras at site {config.site}")
     clock = ClockMonitor(config.clock)
     yield check_clock(clock.state(), config.clock.limit_s)
@@ -59,7 +58,7 @@ def check_box(config: BoxConfig, config_file: Path) -> Iterator[Check]:
     for camera in config.camera:
         yield from check_camera(config, camera, config_file, clock)
     if config.gnss:
-        yield check_receiver(Receiver(config.gnss))
+        yield check_receiver(Receiver(config.gnss), progress)
         yield check_antenna(config.gnss)
     if config.spool:
         yield check_spool_folder(Path(config.spool.folder))
@@ -135,15 +134,9 @@ def _check_frames(
     yield Check(f"detector {camera.id}", "ok", f"{pace}, {where_it_runs(detector)}")
 
 
-def check_receiver(receiver: Receiver) -> Check:
-    """What the receiver says within a few seconds."""
-    receiver.start()
-    deadline = time.monotonic() + RECEIVER_S
-    waiting = threading.Event()
-    while receiver.status().state is ReceiverState.STARTING and time.monotonic() < deadline:
-        waiting.wait(0.1)
-    status = receiver.status()
-    receiver.close()
+def check_receiver(receiver: Receiver, progress: Progress = silent) -> Check:
+    """What the receiver says once it has had the time to say it."""
+    status = try_receiver(receiver, progress)
     return Check("gnss", status.level, f"{status.state}: {status.reason}", status.action)
 
 

@@ -12,6 +12,7 @@ SILENT_S: Final = 3.0  # every receiver speaks at least once a second
 STALE_S: Final = 10.0  # a mean that has got no epoch for so long is not the antenna's present position
 AUTOBAUD_PATIENCE_S: Final = 2.5  # a receiver at 1 Hz speaks at least twice in it
 FRAMES_PROVE_BAUD: Final = 2  # one checksum of eight bits may be right by chance
+DAYS_S: Final = 86_400.0  # s; no clock that was ever set drifts by a day
 MAX_CLOCK_APART_S: Final = 1.0  # serial positions come 10 to 700 ms late; more is a clock that is wrong
 
 Level = Literal["ok", "warn", "fail"]
@@ -59,6 +60,7 @@ class Watch:
     last_byte_s: float | None = None
     last_snapshot_s: float = float("-inf")
     host_minus_gnss_s: float | None = None
+    oldest_possible_s: float = 0.0  # this box's clock minus the time of the newest file it was installed with
 
     def frames(self, session: StaticSession) -> int:
         """Whole frames since the port was opened."""
@@ -72,7 +74,10 @@ class Watch:
 def diagnose(session: StaticSession, surveyed: Surveyed | None, watch: Watch, now_s: float) -> ReceiverStatus:
     """The status of an open port at monotonic now_s."""
     state, level, reason, action = (
-        _of_line(session, watch, now_s) or _of_epochs(session, now_s) or _of_mean(surveyed, watch)
+        _of_line(session, watch, now_s)
+        or _of_turns(session)
+        or _of_epochs(session, watch, now_s)
+        or _of_mean(session, surveyed, watch)
     )
     return ReceiverStatus(state, level, reason, action, counters(session), watch.host_minus_gnss_s)
 
@@ -90,17 +95,31 @@ def _of_line(session: StaticSession, watch: Watch, now_s: float) -> Finding | No
     return None
 
 
-def _of_epochs(session: StaticSession, now_s: float) -> Finding | None:
+def _of_turns(session: StaticSession) -> Finding | None:
+    """Whether two antennas speak in turn."""
+    if not session.in_turn:
+        return None
+    reason = "positions of two places come in turn: two receivers on one port, or one that jumps"
+    return ReceiverState.DOUBTED, "fail", reason, "let one receiver alone send on this port"
+
+
+def _of_epochs(session: StaticSession, watch: Watch, now_s: float) -> Finding | None:
     """Why no epoch has been accepted lately, if none has."""
     if session.last_accepted_s is not None and now_s - session.last_accepted_s <= STALE_S:
         return None
+    if session.last_refusal is None and session.last_malformed:
+        reason = f"it cannot be read: {session.last_malformed} ({session.counts['malformed']} messages so)"
+        return ReceiverState.NO_FIX, "warn", reason, "set the receiver to plain NMEA 0183, or report what it sends"
+    if session.last_refusal is None and now_s - watch.opened_s <= SILENT_S:
+        return ReceiverState.STARTING, "warn", "listening", "wait"
     if session.last_refusal is None:
         action = f"make it send {session.wanted}"
         return ReceiverState.NO_FIX, "warn", "no position among its messages", action
-    return ReceiverState.NO_FIX, "warn", str(session.last_refusal), ADVICE[session.last_refusal.reason]
+    sky = f"; {session.sky}" if session.sky else ""
+    return ReceiverState.NO_FIX, "warn", f"{session.last_refusal}{sky}", ADVICE[session.last_refusal.reason]
 
 
-def _of_mean(surveyed: Surveyed | None, watch: Watch) -> Finding:
+def _of_mean(session: StaticSession, surveyed: Surveyed | None, watch: Watch) -> Finding:
     """What the average is worth."""
     if surveyed is None:
         return ReceiverState.AVERAGING, "warn", "averaging begins", "wait"
@@ -110,13 +129,24 @@ def _of_mean(surveyed: Surveyed | None, watch: Watch) -> Finding:
     if mean.fault:
         action = "break the corrections or cover the antenna, let it fix again, and do not move it"
         return ReceiverState.DOUBTED, "fail", mean.fault, action
-    if watch.host_minus_gnss_s is not None and abs(watch.host_minus_gnss_s) > MAX_CLOCK_APART_S:
-        reason = f"this box's clock is {watch.host_minus_gnss_s:+.1f} s off the receiver's UTC"
-        return ReceiverState.AVERAGING, "warn", reason, "set the box's clock: run chrony"
-    if mean.warnings:
-        return ReceiverState.AVERAGING, "warn", mean.warnings[0], "change the receiver's settings"
     sigma_mm = math.hypot(*mean.sigma_m[:2]) * 1000
-    return ReceiverState.AVERAGING, "ok", f"{mean.samples} epochs, {sigma_mm:.0f} mm horizontal", ""
+    worth = f"{mean.samples} epochs, {sigma_mm:.0f} mm horizontal, {mean.sigma_m[2] * 1000:.0f} mm vertical"
+    worth = f"{worth}; {session.sky}"
+    if watch.host_minus_gnss_s is not None and abs(watch.host_minus_gnss_s) > MAX_CLOCK_APART_S:
+        reason, action = _of_clocks(watch.host_minus_gnss_s, watch.oldest_possible_s)
+        return ReceiverState.AVERAGING, "warn", f"{reason}; {worth}", action
+    if mean.warnings:
+        return ReceiverState.AVERAGING, "warn", f"{mean.warnings[0]}; {worth}", "change the receiver's settings"
+    return ReceiverState.AVERAGING, "ok", worth, ""
+
+
+def _of_clocks(host_minus_gnss_s: float, host_minus_newest_file_s: float) -> tuple[str, str]:
+    """Which of the two clocks is wrong, as far as the files say that are on this box: reason and action."""
+    if abs(host_minus_gnss_s) < DAYS_S or host_minus_newest_file_s < 0:
+        reason = f"this box's clock is {host_minus_gnss_s:+.1f} s off the receiver's UTC"
+        return reason, "set the box's clock: run chrony"
+    reason = f"this box's clock and the receiver's date are {abs(host_minus_gnss_s) / DAYS_S:.0f} days apart"
+    return reason, "see which is wrong (date -u): set the clock with chrony, or update the receiver's firmware"
 
 
 ADVICE: Final = {
@@ -133,7 +163,7 @@ ADVICE: Final = {
     Reason.RANGE: "check the receiver's settings",
     Reason.DOUBT: "give the antenna a free view of the sky and wait",
     Reason.GEOMETRY: "wait for the satellites to move, or give the antenna a free view of the sky",
-    Reason.DISAGREE: "restart the receiver",
+    Reason.DISAGREE: "let one receiver alone send on this port, or restart it",
     Reason.DATE: "update the receiver's firmware: its week counter has wrapped",
     Reason.LEAP_SECOND: "wait a second",
     Reason.TIME_ORDER: "stop whatever else writes to this port",

@@ -40,15 +40,16 @@ class Part:
 
     source: the message's name. t_day_ms: its instant, after midnight UTC; a message that has GPS time only belongs to
     the part of the same tow_ms (time of week), one without any time to the newest instant. quality: as GGA numbers it.
-    age_s: of the corrections. date, and date_rank, how far it is to be trusted beside others. sigma_m: one sigma each
-    of whichever directions, the receiver's own. pdop: position dilution of precision. contradiction: why this is no
-    fixed solution whatever the quality.
+    satellites: used. age_s: of the corrections. date, and date_rank, how far it is to be trusted beside others.
+    sigma_m: one sigma each of whichever directions, the receiver's own. pdop: position dilution of precision.
+    contradiction: why this is no fixed solution whatever the quality.
     """
 
     source: str
     t_day_ms: int | None = None
     tow_ms: int | None = None
     quality: int | None = None
+    satellites: int | None = None
     age_s: float | None = None
     place: Place | None = None
     date: dt.date | None = None
@@ -60,11 +61,15 @@ class Part:
 
 @dataclass
 class Epoch:
-    """All that was reported about one instant, t_day_ms milliseconds after midnight UTC. parts: by their source."""
+    """All that was reported about one instant, t_day_ms milliseconds after midnight UTC. parts: by their source.
+
+    rivals: pairs of places that one source gave of this one instant.
+    """
 
     t_day_ms: int
     parts: dict[str, Part] = field(default_factory=dict)
     pdops: list[float] = field(default_factory=list)
+    rivals: list[tuple[Place, Place]] = field(default_factory=list)
 
     @property
     def date(self) -> dt.date | None:
@@ -80,6 +85,8 @@ class Epoch:
     def add(self, part: Part) -> None:
         """Put a part in its place."""
         earlier = self.parts.get(part.source)
+        if earlier is not None and earlier.place and part.place:
+            self.rivals.append((earlier.place, part.place))
         # Two talkers may disagree about one instant; the worse of them counts.
         if earlier is None or earlier.quality in (None, RTK_FIXED) or part.quality != RTK_FIXED:
             self.parts[part.source] = part

@@ -13,7 +13,7 @@ import statistics
 from collections import deque
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Final
+from typing import Final, Protocol
 
 from edge.gnss.epoch import MS_PER_DAY, RTK_FIXED, Epoch, Part, Place
 from edge.gnss.geoid import SITE_ZERO_M, contradiction, undulation_m
@@ -88,13 +88,14 @@ class Policy:
 
     separation_m: the geoid's, used whatever the receiver says of it; None: the receiver's own, held against EGM96 and
     against undulation_m, the geoid above the ellipsoid at the site, where that is known.
-    earliest: a date before it is a receiver whose week counter has wrapped; None for recordings.
+    earliest, latest: a date before or after them is a receiver whose week counter has wrapped; None for recordings.
     """
 
     separation_m: float | None = None
     undulation_m: float | None = None
     accept_unknown_age: bool = False
     earliest: dt.date | None = None
+    latest: dt.date | None = None
 
 
 def judge(epoch: Epoch, policy: Policy) -> Position | Refusal:
@@ -135,9 +136,10 @@ def _doubt(epoch: Epoch) -> Refusal | None:
 
 
 def _date(epoch: Epoch, policy: Policy) -> Refusal | None:
-    if policy.earliest and epoch.date and epoch.date < policy.earliest:
-        return Refusal(Reason.DATE, f"{epoch.date}")
-    return None
+    if epoch.date is None:
+        return None
+    early, late = policy.earliest and epoch.date < policy.earliest, policy.latest and epoch.date > policy.latest
+    return Refusal(Reason.DATE, f"{epoch.date}") if early or late else None
 
 
 def _position(epoch: Epoch, policy: Policy) -> Position | Refusal:
@@ -149,6 +151,10 @@ def _position(epoch: Epoch, policy: Policy) -> Position | Refusal:
     if absurd or not usable:
         # Too coarse is what is left to say of a message that is right but for that.
         return min(absurd or refused, key=lambda refusal: refusal.reason is Reason.RESOLUTION)
+    for place, rival in epoch.rivals:
+        rivals_apart_m = math.hypot(*offset_m(place, rival))
+        if rivals_apart_m > MAX_SOURCES_APART_M + place.step_m[1]:
+            return Refusal(Reason.DISAGREE, f"two positions of one instant {rivals_apart_m:.2f} m apart")
     finest, *others = usable
     for other in others:
         east, north, up = offset_m(finest, other)
@@ -208,7 +214,18 @@ def metres_per_degree(lat_deg: float) -> tuple[float, float]:
     return math.radians(prime * math.cos(math.radians(lat_deg))), math.radians(meridian)
 
 
-def offset_m(position: Position, reference: Position) -> tuple[float, float, float]:
+class Placed(Protocol):
+    """What has a place: degrees, ellipsoidal metres."""
+
+    @property
+    def lat_deg(self) -> float: ...
+    @property
+    def lon_deg(self) -> float: ...
+    @property
+    def height_m(self) -> float: ...
+
+
+def offset_m(position: Placed, reference: Placed) -> tuple[float, float, float]:
     """East, north, up metres from reference to position; good to a millimetre within 100 m."""
     east, north = metres_per_degree(reference.lat_deg)
     dlon = (position.lon_deg - reference.lon_deg + 180) % 360 - 180

@@ -13,7 +13,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from edge.common.units import NS
-from edge.gnss.gates import metres_per_degree
+from edge.gnss.gates import offset_m
 from edge.messages import Fix
 
 # m, horizontal and vertical: twice what 95 % of good pairs of occupations differ by, measured on network RTK.
@@ -25,13 +25,6 @@ WHAT_TO_DO: Final = (
 )
 
 Offset = tuple[float, float, float]  # east, north, up, m
-
-
-def apart_m(fix: Fix, other: Fix) -> Offset:
-    """East, north, up metres from `other` to `fix`; good to a millimetre within 100 m."""
-    per_lon_m, per_lat_m = metres_per_degree(other.lat_deg)
-    dlon = (fix.lon_deg - other.lon_deg + 180) % 360 - 180
-    return dlon * per_lon_m, (fix.lat_deg - other.lat_deg) * per_lat_m, fix.height_m - other.height_m
 
 
 def contradict(off_m: Offset, sigma_m: Offset, other_sigma_m: Offset) -> bool:
@@ -68,7 +61,7 @@ class KeptFix:
             self.forget()
             self._best = fix
             return fix
-        off_m = apart_m(fix, best)
+        off_m = offset_m(fix, best)
         if contradict(off_m, fix.sigma_m, best.sigma_m):
             self._accuse(off_m, best)
         elif not self.reason and (math.hypot(*fix.sigma_m) < math.hypot(*best.sigma_m) or not _firm(best)):

@@ -41,6 +41,8 @@ AUTOBAUD: Final = (115200, 38400, 460800, 230400, 921600, 9600, 57600)  # the co
 MAX_HORIZONTAL_LEVER_M: Final = 0.010  # its direction is unknown before the camera's heading is
 # Week counters wrap after 19.7 years; a receiver that wrapped says a date before this program existed.
 EARLIEST: Final = dt.date(2025, 1, 1)
+LATEST: Final = EARLIEST + dt.timedelta(weeks=1024)  # and one that was corrected once too often, a date after this
+INSTALLED_UNIX_S: Final = Path(__file__).stat().st_mtime  # no clock that is right says less
 
 
 class Receiver(OwnThread):
@@ -109,6 +111,11 @@ class Receiver(OwnThread):
         with self._changed:
             return self._changed.wait(timeout_s)
 
+    @property
+    def tries_rates(self) -> bool:
+        """Whether silence or noise at one baud rate says nothing yet, because the next one is tried."""
+        return self._config.baud == 0
+
     def restart(self) -> None:
         """Forget the positions so far: another tripod, or another occupation."""
         with self._changed:
@@ -122,6 +129,7 @@ class Receiver(OwnThread):
             undulation_m=self._undulation_m,
             accept_unknown_age=self._config.accept_unknown_age,
             earliest=None if self._recorded else EARLIEST,
+            latest=None if self._recorded else LATEST,
         )
         service = SERVICES[self._config.service]
         return StaticSession(
@@ -168,6 +176,7 @@ class Receiver(OwnThread):
         if accepted and not self._recorded:
             host_ns = self._unix_ns()
             watch.host_minus_gnss_s = (host_ns - t_unix_ns(accepted[-1], host_ns)) * 1e-9
+            watch.oldest_possible_s = host_ns * 1e-9 - INSTALLED_UNIX_S
         if now_s - watch.last_snapshot_s >= SNAPSHOT_S:
             watch.last_snapshot_s = now_s
             self._publish(watch, now_s)

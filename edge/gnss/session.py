@@ -21,6 +21,8 @@ from edge.gnss.epoch import MS_PER_DAY, Epoch, EpochAssembler
 from edge.gnss.framing import Framer, Packet
 from edge.gnss.gates import (
     CONFIRMATIONS,
+    MAX_STEP_H_M,
+    QUALITY_NAMES,
     Policy,
     Position,
     Reason,
@@ -36,6 +38,7 @@ from edge.gnss.way import Way
 STATIC_WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardly anything
 SETTLING_S: Final = 60.0  # a receiver that has just fixed converges for up to a minute
 MOST_EPOCHS: Final = 12_000  # ten minutes at 20 Hz
+REMEMBERED_EPOCHS: Final = 30  # epochs that are looked back on for positions of two places in turn
 NS_PER_MS: Final = 1_000_000
 NS_PER_DAY: Final = MS_PER_DAY * NS_PER_MS
 
@@ -89,6 +92,12 @@ class StaticSession:
         self.counts: Counter[str] = Counter()
         self.refusals: Counter[Reason] = Counter()
         self.last_refusal: Refusal | None = None
+        self.last_malformed = ""  # what could not be read of the last message that broke its own rules
+        self._latest: Epoch | None = None
+        self._newest: deque[Position] = deque(maxlen=3)
+        self._turns: deque[bool] = deque(
+            maxlen=REMEMBERED_EPOCHS
+        )  # whether each was back where the last but one was, by a jump
         self.last_message_s: float | None = None
         self.last_accepted_s: float | None = None
 
@@ -125,6 +134,7 @@ class StaticSession:
     def restart(self) -> None:
         """Forget all positions: another tripod, or another occupation of the same."""
         self._gate.interrupt()
+        self._turns.clear()
         self._window.clear()
         self._way = Way()
         self._moved_until_s = -math.inf
@@ -154,6 +164,23 @@ class StaticSession:
             self._window[-1].position,
         )
 
+    @property
+    def in_turn(self) -> bool:
+        """Whether positions of two places come in turn, again and again."""
+        return sum(self._turns) >= REMEMBERED_EPOCHS // 3
+
+    @property
+    def sky(self) -> str:
+        """What the receiver says of its last epoch: the solution, the satellites, the age of the corrections."""
+        if self._latest is None:
+            return ""
+        parts = self._latest.parts.values()
+        said = [QUALITY_NAMES.get(part.quality, "unknown") for part in parts if part.quality is not None][:1]
+        satellites = [part.satellites for part in parts if part.satellites]
+        said += [f"{max(satellites)} satellites"] if satellites else []
+        ages = [part.age_s for part in parts if part.age_s is not None]
+        return ", ".join(said + ([f"corrections {max(ages):g} s old"] if ages else []))
+
     def _mean(self) -> StaticMean:
         return average(
             np.array([accepted.t_s for accepted in self._window]),
@@ -167,8 +194,9 @@ class StaticSession:
     def _add(self, frame: Packet, t_s: float) -> list[Epoch]:
         try:
             part = self._decoders[frame.kind].decode(frame.body)
-        except MalformedError:
+        except MalformedError as error:
             self.counts["malformed"] += 1
+            self.last_malformed = str(error)
             return []
         self.last_message_s = t_s
         return self._assembler.add(part, t_s) if part is not None else []
@@ -177,12 +205,15 @@ class StaticSession:
         if not epoch.solutions:
             return []  # a date or a sigma by itself is no epoch
         self.counts["epochs"] += 1
+        self._latest = epoch
         judged = judge(epoch, self._policy)
         if isinstance(judged, Refusal):
             if judged.reason is Reason.QUALITY:
                 self._gate.interrupt()
             self._refuse(judged)
             return []
+        self._newest.append(judged)
+        self._turns.append(len(self._newest) == 3 and _back_again(*self._newest))
         verdict = self._gate.judge(judged)
         self._way.add(judged)
         if verdict.refusal:
@@ -229,6 +260,12 @@ class StaticSession:
         self._window.append(_Accepted(self._now_s, segment, position, offset_m(position, self._origin)))
         while self._window[0].t_s < self._now_s - STATIC_WINDOW_S:
             self._window.popleft()
+
+
+def _back_again(first: Position, between: Position, last: Position) -> bool:
+    """Whether a position is where the last but one was, and the one between was elsewhere."""
+    there = math.hypot(*offset_m(last, first)) < MAX_STEP_H_M
+    return there and math.hypot(*offset_m(between, first)) > 2 * MAX_STEP_H_M
 
 
 def t_unix_ns(position: Position, host_unix_ns: int) -> int:

@@ -25,7 +25,7 @@ from edge.link.ports import beside_listener
 from edge.messages import Fix, camera_key, camera_of_key
 
 LOOK_S: Final = 0.5  # between two looks at whether the session is open
-HEALTH_S: Final = 2.5  # a box says how it is once a second
+HEALTH_WAIT_S: Final = 2.5  # a box says how it is once a second
 LONGEST_AGE_S: Final = 60.0  # of a fix whose box has something to say of its receiver
 
 
@@ -81,7 +81,7 @@ def fixes_of(call: SurveyCall) -> BoxFixes:
 
 def _hear_health(intake: Intake, said: Inbox[Received]) -> None:
     """How each box that has sent a position is: it says so once a second."""
-    until_s = time.monotonic() + HEALTH_S
+    until_s = time.monotonic() + HEALTH_WAIT_S
     while (left_s := until_s - time.monotonic()) > 0:
         if all(box.health is not None for box in intake.cameras.values() if box.fix is not None):
             return

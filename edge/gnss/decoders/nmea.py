@@ -36,14 +36,24 @@ _ZDA_RANK, _RMC_RANK = 2, 1  # a year of four digits before one of two
 _TIME: Final = r"(?P<hour>[01]\d|2[0-3])(?P<minute>[0-5]\d)(?P<second>[0-5]\d|60)(?:\.(?P<fraction>\d{1,6}))?"
 _LAT: Final = r"(?P<lat_deg>\d\d)(?P<lat_min>[0-5]\d)(?:\.(?P<lat_decimals>\d{1,12}))?,(?P<ns>[NS])"
 _LON: Final = r"(?P<lon_deg>[01]\d\d)(?P<lon_min>[0-5]\d)(?:\.(?P<lon_decimals>\d{1,12}))?,(?P<ew>[EW])"
-_NUMBER: Final = r"-?\d{1,7}(?:\.\d{1,9})?"
-_TALKER: Final = r"G[A-Z]"
+_NUMBER: Final = r"[-+]?\d{1,7}(?:\.\d{1,9})?"
+# Satellite systems, alone (BD and QZ as some makers write BeiDou and QZSS) and together; II, IN: integrated navigation.
+_TALKER: Final = r"(?:G[A-Z]|BD|QZ|II|IN)"
+_TALKERS: Final = re.compile(_TALKER)
+_SHORT_GGA_FIELDS: Final = 13  # name included, where age of corrections and station are left out
+# Of each field of a GGA, name first, what it may hold: to say which of them is wrong.
+_GGA_FIELDS: Final = (
+    ("name", rf"{_TALKER}GGA"), ("time", _TIME), ("latitude", r"(?:\d\d[0-5]\d(?:\.\d{1,12})?)?"), ("N or S", "[NS]?"),
+    ("longitude", r"(?:[01]\d\d[0-5]\d(?:\.\d{1,12})?)?"), ("E or W", "[EW]?"), ("quality", r"\d{1,2}"),
+    ("satellites", r"\d{0,3}"), ("HDOP", r"[-.\w]*"), ("altitude", rf"(?:{_NUMBER})?"), ("M", "M?"),
+    ("separation", rf"(?:{_NUMBER})?"), ("M", "M?"), ("age", rf"(?:{_NUMBER})?"), ("station", r"\w{0,8}"),
+)  # fmt: skip
 
 _GRAMMAR: Final[dict[str, re.Pattern[str]]] = {
     "GGA": re.compile(
-        rf"{_TALKER}GGA,{_TIME},(?:{_LAT},{_LON}|,,,),(?P<quality>\d),(?P<satellites>\d{{0,2}}),(?P<hdop>(?:{_NUMBER})?),"
-        rf"(?P<altitude>(?:-?\d{{1,7}}(?:\.(?P<altitude_decimals>\d{{1,9}}))?)?),M?,(?P<separation>(?:{_NUMBER})?),M?,"
-        rf"(?P<age>(?:{_NUMBER})?),(?P<station>\d{{0,4}})"
+        rf"{_TALKER}GGA,{_TIME},(?:{_LAT},{_LON}|,,,),(?P<quality>\d{{1,2}}),(?P<satellites>\d{{0,3}}),[-.\w]*,"
+        rf"(?P<altitude>(?:[-+]?\d{{1,7}}(?:\.(?P<altitude_decimals>\d{{1,9}}))?)?),M?,(?P<separation>(?:{_NUMBER})?),M?,"
+        rf"(?P<age>(?:{_NUMBER})?),(?P<station>\w{{0,8}})"
     ),
     "GST": re.compile(
         rf"{_TALKER}GST,{_TIME},(?:{_NUMBER})?,(?:{_NUMBER})?,(?:{_NUMBER})?,(?:{_NUMBER})?,"
@@ -145,7 +155,10 @@ def part(record: Record) -> Part:
     match record:
         case Gga():
             place = _place(record)
-            return Part("GGA", record.t_day_ms, quality=record.quality, age_s=record.age_s, place=place)
+            return Part(
+                "GGA", record.t_day_ms, quality=record.quality, age_s=record.age_s, place=place,
+                satellites=record.satellites,
+            )  # fmt: skip
         case Gst():
             return Part("GST", record.t_day_ms, sigma_m=record.sigma_m)
         case Rmc():
@@ -175,15 +188,40 @@ def read(body: bytes) -> Record | None:
     """
     name = body[2:5].decode("latin-1")
     grammar = _GRAMMAR.get(name)
-    if grammar is None or body[5:6] != b"," or body[:1] != b"G":
+    text = body.decode("latin-1")
+    if grammar is None or body[5:6] != b"," or not _TALKERS.match(text):
         return None
-    fields = grammar.fullmatch(body.decode("latin-1"))
+    if name == "GGA":
+        text, body = _usual_gga(text)
+    fields = grammar.fullmatch(text)
     if fields is None:
-        raise MalformedError(name)
+        raise MalformedError(_wrong_in_gga(text) if name == "GGA" else name)
     try:
         return _READERS[name](fields, body)
     except (NMEAParseError, NMEAMessageError, NMEATypeError, ValueError, TypeError) as error:
         raise MalformedError(name) from error
+
+
+def _usual_gga(text: str) -> tuple[str, bytes]:
+    """A GGA with all its fields, and the same for pynmeagps: without what is not used and may be no number."""
+    fields = text.split(",")
+    if len(fields) == _SHORT_GGA_FIELDS:
+        fields += [""] * (len(_GGA_FIELDS) - len(fields))
+    plain = [*fields]
+    if len(plain) == len(_GGA_FIELDS):
+        plain[8] = plain[14] = ""
+    return ",".join(fields), ",".join(plain).encode("latin-1")
+
+
+def _wrong_in_gga(text: str) -> str:
+    """Which field of a GGA breaks the grammar."""
+    fields = text.split(",")
+    if len(fields) != len(_GGA_FIELDS):
+        return f"GGA with {len(fields) - 1} fields, not {len(_GGA_FIELDS) - 1}"
+    for text_of, (what, pattern) in zip(fields, _GGA_FIELDS, strict=True):
+        if not re.fullmatch(re.sub(r"\?P<\w+>", "?:", pattern), text_of):
+            return f"GGA with {what} {text_of!r}"
+    return "GGA with half a position"
 
 
 def _parse(body: bytes) -> Any:

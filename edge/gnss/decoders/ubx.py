@@ -92,6 +92,7 @@ def part(record: Pvt | HighPrecision) -> Part:
         record.t_day_ms,
         tow_ms=record.itow_ms,
         quality=record.quality,
+        satellites=record.satellites,
         age_s=record.age_s,
         place=Place(record.lat_deg, record.lon_deg, record.height_m, PVT_STEP_M, resolution),
         date=record.date if record.time_resolved else None,

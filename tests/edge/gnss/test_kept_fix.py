@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from edge.gnss.gates import metres_per_degree
-from edge.gnss.kept_fix import KeptFix, apart_m
+from edge.gnss.gates import metres_per_degree, offset_m
+from edge.gnss.kept_fix import KeptFix
 from edge.gnss.session import StaticSession
 from edge.messages import Fix
 from tools.doubles.receiver import Place, gga, rmc, rtk_error
@@ -33,7 +33,7 @@ def moved(fix: Fix, east_m: float, north_m: float, up_m: float, **said: object) 
 
 def off_sigmas(used: Fix, claims: list[Fix]) -> float:
     """The largest miss of any claim by `used`, in its own 3-D sigma."""
-    return max(math.hypot(*apart_m(used, claim)) for claim in claims) / math.hypot(*used.sigma_m)
+    return max(math.hypot(*offset_m(used, claim)) for claim in claims) / math.hypot(*used.sigma_m)
 
 
 def test_twenty_contradictions_are_each_covered_by_sigma_until_forgotten() -> None:

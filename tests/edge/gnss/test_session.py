@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge.gnss.averaging import SERVICES
+from edge.gnss.diagnosis import ReceiverState, Watch, diagnose
 from edge.gnss.gates import Policy, Position, Reason, offset_m
 from edge.gnss.session import STATIC_WINDOW_S, StaticSession, t_unix_ns
 from tests.places import DATA
@@ -169,3 +170,38 @@ def test_every_recording_passes_without_an_exception() -> None:
     for path in sorted(RECORDINGS.iterdir()):
         session, accepted = played([path.read_bytes()])
         assert session.counts["epochs"] == len(accepted) + sum(session.refusals.values()), path.name
+
+
+@pytest.mark.parametrize("first_east_m", [0.0, 2.0])
+def test_two_receivers_on_one_port_are_never_averaged(first_east_m: float) -> None:
+    """Antennas 2 m apart, both fixed, in the same instant."""
+    session, start = StaticSession(), dt.datetime(2026, 6, 1, 12, tzinfo=dt.UTC)
+    for second in range(60):
+        t = start + dt.timedelta(seconds=second)
+        for east_m in (first_east_m, 2.0 - first_east_m):
+            session.feed(gga(t, PLACE, np.array([east_m, 0.0, 0.0])), float(second))
+    assert session.surveyed() is None
+    assert session.last_refusal is not None
+    assert "2.00 m apart" in str(session.last_refusal)
+
+
+@pytest.mark.parametrize("later_s", [0.2, 0.5])
+def test_two_receivers_in_turn_are_named(later_s: float) -> None:
+    session, start = StaticSession(), dt.datetime(2026, 6, 1, 12, tzinfo=dt.UTC)
+    for second in range(60):
+        for east_m, part_s in ((0.0, 0.0), (2.0, later_s)):
+            t_s = second + part_s
+            session.feed(gga(start + dt.timedelta(seconds=t_s), PLACE, np.array([east_m, 0.0, 0.0])), t_s)
+    assert session.in_turn
+    status = diagnose(session, session.surveyed(), Watch(0.0, 115200, 0, last_byte_s=60.0), 60.0)
+    assert (status.state, status.level) == (ReceiverState.DOUBTED, "fail")
+    assert "two receivers" in status.reason
+
+
+def test_one_receiver_that_says_each_instant_twice_is_one() -> None:
+    session, start = StaticSession(), dt.datetime(2026, 6, 1, 12, tzinfo=dt.UTC)
+    for second in range(60):
+        t = start + dt.timedelta(seconds=second)
+        session.feed(gga(t, PLACE) + gga(t, PLACE), float(second))
+    assert session.counts["accepted"] > 50
+    assert not session.in_turn

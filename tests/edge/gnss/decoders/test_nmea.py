@@ -117,3 +117,45 @@ def test_a_place_survives_the_sentence(lat_deg: float, lon_deg: float, altitude_
     assert record.lon_deg == pytest.approx(lon_deg, abs=1.0e-9)
     assert record.altitude_m == pytest.approx(altitude_m, abs=5.1e-4)
     assert record.separation_m == pytest.approx(separation_m, abs=5.1e-4)
+
+
+def body(*fields: tuple[int, str], name: str = "GNGGA") -> bytes:
+    """A good GGA's text with some of its fields (1 is the time) written otherwise."""
+    written = GOOD.split(",")
+    written[0] = name
+    for number, text in fields:
+        written[number] = text
+    return ",".join(written).encode()
+
+
+@pytest.mark.parametrize("name", ["BDGGA", "QZGGA", "IIGGA", "GBGGA", "GQGGA", "INGGA"])
+def test_whatever_system_the_talker_names_it_is_a_position(name: str) -> None:
+    assert read(body(name=name)) == read(body())
+
+
+@pytest.mark.parametrize(
+    ("field", "text"),
+    [(7, "112"), (8, ".5"), (8, "nan"), (8, "99.99"), (9, "+419.166"), (11, "+47.535"), (14, "VRS1"), (14, "12345")],
+)
+def test_what_is_unambiguous_is_read(field: int, text: str) -> None:
+    record, usual = read(body((field, text))), read(body())
+    assert isinstance(record, Gga)
+    assert isinstance(usual, Gga)
+    assert (record.altitude_m, record.separation_m, record.lat_deg, record.quality) == (
+        usual.altitude_m, usual.separation_m, usual.lat_deg, usual.quality,
+    )  # fmt: skip
+
+
+def test_age_and_station_may_be_left_out() -> None:
+    record = read(b",".join(body().split(b",")[:-2]))
+    assert isinstance(record, Gga)
+    assert (record.age_s, record.station, record.altitude_m) == (None, "", 419.166)
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "named"),
+    [(9, "nan", "altitude 'nan'"), (6, "RTK fixed", "quality 'RTK fixed'"), (11, "4e1", "separation '4e1'")],
+)
+def test_a_field_that_cannot_be_read_is_named(field: int, text: str, named: str) -> None:
+    with pytest.raises(MalformedError, match=named):
+        read(body((field, text)))
