@@ -24,6 +24,7 @@ FIRST_DAMPING: Final = 1e-4
 LEAST_DAMPING: Final = 1e-6  # below it, none
 HARDEST_DAMPING: Final = 1e6
 LOOKED_AHEAD: Final = 0.1  # share of a step at which residuals are looked at to see how they bend
+SHORTEST_FREE: Final = 0.1  # of a step that takes the flight's shape for as free as it is
 MOST_BENT: Final = 0.75  # of a step: what is bent more is no valley
 
 
@@ -64,13 +65,15 @@ def descend(point: Point, steps: int) -> Descent:
 
 @dataclass(frozen=True)
 class _Way:
-    """How a step is taken. bent: as the residuals bend, once a straight one has left the valley. free: the scale of
-    the flight as free as it is, near the end; far from it, such a step would be taken too far.
+    """How a step is taken. bent: as the residuals bend, once a straight one has left the valley. free: the shape of
+    the flight as free as it is, near the end; far from it, such a step would be taken too far. share: of a free step,
+    that damping does not shorten where only slack was left.
     """
 
     damping: float = 0.0
     bent: bool = False
     free: bool = False
+    share: float = 1.0
 
     @property
     def more_careful(self) -> "_Way":
@@ -78,12 +81,13 @@ class _Way:
         if not self.bent:
             return replace(self, bent=True)
         if self.free:
-            return replace(self, free=False)
+            short = self.share <= SHORTEST_FREE
+            return replace(self, free=not short, share=1.0 if short else self.share / 4)
         return replace(self, damping=max(10 * self.damping, FIRST_DAMPING))
 
     def bolder(self, *, near: bool) -> "_Way":
         """After one that gained something."""
-        return replace(self, damping=self.damping / 10 if self.damping > LEAST_DAMPING else 0.0, free=near)
+        return replace(self, damping=self.damping / 10 if self.damping > LEAST_DAMPING else 0.0, free=near, share=1.0)
 
 
 def _trial(point: Point, normal: Normal, way: _Way) -> _Trial | None:
@@ -91,15 +95,16 @@ def _trial(point: Point, normal: Normal, way: _Way) -> _Trial | None:
     try:
         factor = factorise(normal, way.damping, slack=way.free)
         step = factor.solve(normal)
+        taken = step.scaled(way.share)
         if way.bent:
             ahead = point.moved(step.scaled(LOOKED_AHEAD))
             bend = factor.solve(point.bent(step, LOOKED_AHEAD, ahead, normal))
             if _length(bend, normal) < MOST_BENT * _length(step, normal):
-                step = step.plus(bend)
-        reached = point.moved(step)
+                taken = taken.plus(bend.scaled(way.share**2))
+        reached = point.moved(taken)
     except (np.linalg.LinAlgError, LensError):
         return None
-    return _Trial(reached, reached.cost(), step.camera_squared)
+    return _Trial(reached, reached.cost(), taken.camera_squared)
 
 
 def _length(step: NormalStep, normal: Normal) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from calib.adjustment.bundle import Adjusted
+from calib.adjustment.bundle import LEAST_ADJUSTED_PX, Adjusted
 from calib.adjustment.problem import Problem
 from calib.adjustment.uncertainty import settled_covariance
 from calib.solving.survey_check import TESTABLE
@@ -67,7 +67,8 @@ class PixelInformation:
         known = slice(0, len(prior.covariance))
         pixels = both.copy()
         pixels[known, known] -= np.linalg.inv(prior.covariance / np.outer(scale[known], scale[known]))
-        return cls(scale, *_told(pixels, both @ away))
+        believed = _believed(adjusted)
+        return cls(scale, *_told(believed * pixels, believed * (both @ away)))
 
     def about(self, chosen: NDArray[np.bool_], claimed: Array) -> "PixelInformation":
         """What they say of some unknowns (K',), where the others are as claimed (K', K') and independent of these."""
@@ -131,6 +132,8 @@ class PriorTest:
         """The same against priors whose covariance is larger by parts @ parts.T; parts: (K', r)."""
         within = self.frame.T @ parts
         variance, turned = np.linalg.eigh(np.diag(self.variance) + within @ within.T)
+        # Wider is never less, though rounding says so beside hundreds of metres (Weyl).
+        variance = np.maximum(variance, self.variance.min(initial=np.inf))
         return PriorTest(turned.T @ self.off, variance, self.frame @ turned)
 
     @property
@@ -148,6 +151,14 @@ class PriorTest:
         pull = np.swapaxes(vectors, 1, 2) @ (across @ (self.off / np.sqrt(self.variance)))[:, :, None]
         gain: Array = 0.5 * (pull[:, :, 0] ** 2 / values - np.log(values)).sum(axis=1)
         return gain
+
+
+def _believed(adjusted: Adjusted) -> float:
+    """Share of the pixels' information that they can have: rows without noise show only how a file was rounded, and a
+    survey held against that is refuted by rounding.
+    """
+    typical_px = float(np.exp(np.mean(np.log(adjusted.weights.sigma_px))))
+    return min(1.0, typical_px / LEAST_ADJUSTED_PX) ** 2
 
 
 def _told(information: Array, pull: Array) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ from calib.adjustment.bundle import Adjusted
 from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.problem import Problem
 from calib.adjustment.projection import centre_of
+from calib.errors import UndeterminedError
 from calib.geometry.similarity import HOLD_A_FRAME
 from calib.observations import SiteCamera
 from calib.solving.doubts import Claim, Doubt, all_doubts, directions
@@ -152,8 +153,14 @@ class Weighing:
 
     def posterior(self, covariance: Array) -> tuple[float, dict[Doubt, float]]:
         """How probable it is that priors of this covariance (K', K') are right, and how probable each doubt beside
-        it, given what was seen: 1 together.
+        it, given what was seen: 1 together. Raises UndeterminedError where an adjustment ran off beyond all numbers.
         """
+        if not (np.isfinite(self.seen.information).all() and np.isfinite(self.seen.pull).all()):
+            raise UndeterminedError(
+                "the adjustment ran off to where nothing is determined",
+                where="adjustment",
+                action="stand the cameras farther apart, or fly nearer to them",
+            )
         pictures = len(self.seen.scale) - len(covariance)
         tested = self.seen.against(block_diag(covariance, SITES[0][0] ** 2 * np.eye(pictures)))
         sites = [_on_site(tested, askew_rad, pictures) for askew_rad, _ in SITES]

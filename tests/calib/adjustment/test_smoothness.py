@@ -1,4 +1,4 @@
-"""The flight's prior: blind to place, attitude and size of the whole, and its curvature as well."""
+"""The flight's prior: blind to every linear map of the whole, and its curvature as well."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -49,19 +49,22 @@ def system(estimate: FlightEstimate) -> tuple[Array, Array, Array]:
 
 
 def unchanging(estimate: FlightEstimate) -> Array:
-    """(3M, 7) three shifts, three turns and a scaling of the whole flight."""
+    """(3M, 12) three shifts of the whole flight, and nine linear maps."""
     away = estimate.control - estimate.control.mean(0)
     shifts = [np.broadcast_to(axis, away.shape) for axis in np.eye(3)]
-    turns = [np.cross(axis, away) for axis in np.eye(3)]
-    return np.array([one.ravel() for one in (*shifts, *turns, away)]).T
+    maps = [np.outer(away[:, k], axis) for axis in np.eye(3) for k in range(3)]
+    return np.array([one.ravel() for one in (*shifts, *maps)]).T
 
 
 @given(seed=st.integers(0, 10**6), scale=st.floats(0.1, 10))
-def test_moving_turning_and_scaling_the_whole_costs_nothing(seed: int, scale: float) -> None:
+def test_moving_turning_scaling_and_stretching_the_whole_costs_nothing(seed: int, scale: float) -> None:
     estimate, rng = flown(seed), np.random.default_rng(seed)
     prior = Smoothness.at(estimate, WEIGHT, every(estimate))
-    control = scale * estimate.control @ rotation(rng.normal(size=3).tolist()).T + rng.normal(0, 100, 3)
-    assert prior.cost(replace(estimate, control=control)) == pytest.approx(prior.cost(estimate), rel=1e-9)
+    stretch = scale * rotation(rng.normal(size=3).tolist()) @ np.diag(rng.uniform(0.5, 2.0, 3))
+    stretch = stretch @ rotation(rng.normal(size=3).tolist())
+    control = estimate.control @ stretch.T + rng.normal(0, 100, 3)
+    # An extent that is none any more (FLAT) at a twentieth of the size.
+    assert prior.cost(replace(estimate, control=control)) == pytest.approx(prior.cost(estimate), rel=1e-5)
 
 
 @settings(max_examples=30)
@@ -130,8 +133,8 @@ def bent(x: Array) -> Array:
 @pytest.mark.parametrize(
     ("shape", "rank"),
     [
-        (lambda k: np.random.default_rng(1).normal(0, 20, (len(k), 3)), 4),  # three turns and a scale
-        (lambda k: bent(np.sin(k)), 3),  # in a line: a turn about it moves nothing
+        (lambda k: np.random.default_rng(1).normal(0, 20, (len(k), 3)), 9),  # every linear map
+        (lambda k: bent(np.sin(k)), 3),  # in a line: what is across it moves nothing
         (bent, 0),  # at an even pace: there is no jerk, and nothing to take out
     ],
 )

@@ -15,6 +15,7 @@ from calib.adjustment.priors import moved
 from calib.adjustment.problem import Point, Problem
 from calib.adjustment.projection import CAMERA_SIZE, LENS, centre_of, unknowns_of
 from calib.adjustment.uncertainty import camera_covariance
+from calib.errors import UndeterminedError
 from calib.simulation.simulation import simulate
 from calib.solving.doubts import Claim, Doubt, directions
 from calib.solving.initial_estimate import from_network
@@ -294,3 +295,12 @@ def test_where_nothing_is_known_nothing_is_strained(refined: Refined, inputs: In
     )
     found = strain(refined.adjusted, replace(refined.problem, priors=free), inputs.sites)
     assert (found.statistic, found.freedom, found.p_value, found.doubts) == (0.0, 0, 1.0, ())
+
+
+def test_an_adjustment_that_ran_off_is_refused_and_not_weighed() -> None:
+    """Two cameras, lenses opened wide: the distance went to infinity, and doubts of no probability were compared."""
+    drawn = Site.drawn(2, 2)
+    seen = drawn.seen(np.random.default_rng(0))
+    nowhere = replace(seen, pull=np.full_like(seen.pull, np.nan))
+    with pytest.raises(UndeterminedError, match="ran off"):
+        Weighing(drawn.prior, nowhere).strain()
