@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from edge.capture import FrameSource, is_live, is_lossless, open_source
-from edge.capture.frame import Picture
+from edge.capture.frame import Picture, Remark
 from edge.capture.reader import Reader, ReaderState
 from edge.common.errors import ConfigError, SkyfixError
 from edge.common.health import SEVERITY, Check
@@ -156,7 +156,7 @@ class CameraWorker(OwnThread):
             return Check(
                 name, "fail", f"no frame for {since_s:.0f} s", "check cable and power; it is opened again by itself"
             )
-        return check_frames(name, state)
+        return check_frames(name, state, self.pipeline.order)
 
     def _check_pace(self) -> Check:
         name, state = f"detector {self.camera.id}", self.reader.state
@@ -188,12 +188,13 @@ class CameraWorker(OwnThread):
         return {**read, **self.pipeline.counters()}
 
 
-def check_frames(name: str, state: ReaderState) -> Check:
+def check_frames(name: str, state: ReaderState, order: Remark | None = None) -> Check:
     """How the frames that come are timed, and what is odd about them."""
     if state.frames == 0:
         return Check(name, "warn", "waiting for the first frame")
-    if state.remarks:
-        return Check(name, "warn", "; ".join(one.what for one in state.remarks), state.remarks[0].action)
+    remarks = [*state.remarks, *([order] if order else [])]
+    if remarks:
+        return Check(name, "warn", "; ".join(one.what for one in remarks), remarks[0].action)
     if state.time_source == "arrival":
         action = "use a camera that stamps its frames, or expect a worse position"
         return Check(name, "warn", "frames are timed by their arrival, 0.1 s uncertain", action)

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from edge.capture.frame import OF_THIS_BOX, Picture
+from edge.capture.frame import OF_THIS_BOX, Picture, Remark
 from edge.common.arrays import Array
 from edge.common.errors import ConfigError
 from edge.config import GateConfig
@@ -26,6 +26,7 @@ from edge.pictures.view import ViewWatch
 EMPTY_EVERY_NS: Final = 500_000_000  # "sees nothing" is said twice a second; the contract asks for once
 STEPPED_BACK_NS: Final = 1_000_000_000  # further back than this the clock was set, and tracking begins anew
 COUNTED: Final = ("frames_backwards", "rows_without_ray", "rows_unsound", "rows_published", "clock_stepped")
+BACKWARDS_WARN: Final = 0.02  # share of frames without a later time than the one before, that is said
 NOWHERE: Final = np.zeros((0, 3))
 
 
@@ -48,7 +49,7 @@ class Pipeline:
         self._detector = detector
         self._clock_bound_s = clock_bound_s
         self._gate = self._new_gate(1)
-        self._seq = 0
+        self._seq = self._in_order = 0
         self._last_t_unix_ns: int | None = None
         self._last_said_unix_ns = 0
         self._bound_s: float | None = None
@@ -91,7 +92,18 @@ class Pipeline:
             self._counts["clock_stepped"] += 1
             self._gate = self._new_gate(self._gate.next_track)
         self._last_t_unix_ns = frame.t_unix_ns
+        self._in_order += 1
         return True
+
+    @property
+    def order(self) -> Remark | None:
+        """What is odd about the order of the frames so far; None if nothing is."""
+        backwards = self._counts["frames_backwards"]
+        if backwards <= BACKWARDS_WARN * (backwards + self._in_order):
+            return None
+        said = f"{backwards:.0f} of {backwards + self._in_order:.0f} frames have no later time than the one before"
+        action = "ask the camera for its stream directly, or restart what passes it on"
+        return Remark(f"{said} and are left out", action)
 
     def check_size(self, frame: Picture) -> None:
         """Raises ConfigError if a frame is of another size than the lens was measured at."""

@@ -126,9 +126,10 @@ def _check_frames(
     action = "expect a worse position, or give it a better source of time" if level == "warn" else ""
     size = f"{last.size_px[0]} x {last.size_px[1]}"
     reason = f"{size} frames, timed by {last.time_source}, uncertain by {uncertainty}"
-    if source.remarks:
-        level, action = "warn", source.remarks[0].action
-        reason = "; ".join([reason, *(remark.what for remark in source.remarks)])
+    remarks = [*source.remarks, *([pipeline.order] if pipeline.order else [])]
+    if remarks:
+        level, action = "warn", remarks[0].action
+        reason = "; ".join([reason, *(remark.what for remark in remarks)])
     yield Check(f"camera {camera.id}", level, reason, action)
     pace = f"{sorted(spent_s)[len(spent_s) // 2] * 1e3:.1f} ms a frame"
     yield Check(f"detector {camera.id}", "ok", f"{pace}, {where_it_runs(detector)}")

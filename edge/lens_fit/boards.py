@@ -18,6 +18,7 @@ from edge.common.errors import ConfigError
 
 # A second a picture. Cheaper searches were measured to find boards with a corner misplaced, which a lens fit follows.
 BOARD_SEARCH: Final = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+ANY_SIZE: Final = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
 FEWEST_CORNERS: Final = 12  # of a ChArUco board: six for its pose, six to say something about the lens
 CHARUCO_MARKER_SHARE: Final = 0.75  # side of a marker per side of a square, as the board's drawing has it
 CHARUCO_DICTIONARY: Final = cv2.aruco.DICT_5X5_1000
@@ -38,6 +39,9 @@ class Board(Protocol):
     def find(self, name: str, image: Image) -> BoardView | None:
         """The corners in a grey picture; None if the board is not found."""
 
+    def other_size(self, image: Image) -> str:
+        """COLSxROWS of another board than this one that a grey picture shows; empty if none is seen."""
+
 
 @dataclass(frozen=True)
 class Chessboard:
@@ -55,6 +59,13 @@ class Chessboard:
         across, down = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
         board: Array = np.stack([across.ravel(), down.ravel(), np.zeros(across.size)], axis=1).astype(np.float64)
         return BoardView(name, board * self.square_mm, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
+
+    def other_size(self, image: Image) -> str:
+        """As Board says: what there is, of any size, is found in a tenth of a second."""
+        found, _, squares = cv2.findChessboardCornersSBWithMeta(image, (3, 3), ANY_SIZE)
+        if not found or sorted(squares.shape) == sorted((self.columns, self.rows)):
+            return ""
+        return f"{max(squares.shape)}x{min(squares.shape)}"
 
 
 class Charuco:
@@ -74,6 +85,10 @@ class Charuco:
         chosen: NDArray[np.intp] = np.asarray(numbers, dtype=np.intp).ravel()
         board = np.asarray(self.board.getChessboardCorners(), dtype=np.float64)[chosen]
         return BoardView(name, board, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
+
+    def other_size(self, image: Image) -> str:
+        """Nothing: its markers are numbered, and those of another board are others."""
+        return ""
 
 
 def parse_board(text: str, kind: str, square_mm: float) -> Board:

@@ -102,6 +102,17 @@ def test_lens_of_another_resolution_is_refused() -> None:
         pipeline.step(Picture(T0, np.zeros((240, 320), np.uint8), "file"))
 
 
+def test_stamps_that_come_twice_are_said_with_their_number() -> None:
+    pipeline = Pipeline(facts(), Scripted([None] * 256), lambda: None)
+    assert pipeline.order is None
+    run(pipeline, [frame(k - k % 2) for k in range(80)])
+    assert pipeline.order is not None
+    assert pipeline.order.what.startswith("40 of 80 frames have no later time")
+    steady = Pipeline(facts(), Scripted([None] * 256), lambda: None)
+    run(steady, [*map(frame, range(100)), frame(99)])
+    assert steady.order is None
+
+
 def test_time_that_stands_or_goes_back_is_left_out_and_counted() -> None:
     pipeline = Pipeline(facts(), Scripted(flying(90)), lambda: None)
     frames = [frame(k) for k in range(60)]

@@ -147,3 +147,23 @@ def test_recorded_boards_give_the_published_focal_length(
     pictures = sorted(map(str, (RECORDED / name).iterdir()))[::2]  # half of them: a second each
     assert main(["lens", *pictures, "--board", "6x7", "-o", str(out)]) == 0
     assert load(out, LensConfig).intrinsics[:2] == pytest.approx(focal_px, rel=0.01)  # themselves good to 1 %
+
+
+def drawn(columns: int, rows: int, angle: float) -> np.ndarray:
+    """A picture of a chessboard of inner corners, turned a little."""
+    squares = np.indices((rows + 1, columns + 1)).sum(axis=0) % 2 * 255
+    board = np.kron(squares, np.ones((20, 20))).astype(np.uint8)
+    picture = np.full((300, 400), 255, np.uint8)
+    top, left = (300 - board.shape[0]) // 2, (400 - board.shape[1]) // 2
+    picture[top : top + board.shape[0], left : left + board.shape[1]] = board
+    turned = cv2.getRotationMatrix2D((200, 150), angle, 1.0)
+    return cv2.GaussianBlur(cv2.warpAffine(picture, turned, (400, 300), borderValue=255), (3, 3), 0)
+
+
+@pytest.mark.parametrize("size", [(6, 4), (9, 7), (8, 5)])
+def test_a_board_of_another_size_is_named_after_three_pictures(size: tuple[int, int]) -> None:
+    named = [(f"{k}.png", drawn(*size, angle)) for k, angle in enumerate((-9.0, 0.0, 7.0))]
+    looked_at = iter([*named, ("never", None)])
+    with pytest.raises(LensError, match=f"--board {size[0]}x{size[1]}"):
+        find_views(Chessboard(13, 10, 1), looked_at)
+    assert next(looked_at) == ("never", None)
