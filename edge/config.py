@@ -65,6 +65,13 @@ class SourceConfig(Section, frozen=True, kw_only=True):
     pixel_format: Annotated[
         Annotated[str, Meta(pattern="^.{4}$")] | None, Meta(description="four-letter code asked of a V4L2 camera")
     ] = None
+    exposure_s: Annotated[
+        Annotated[float, Meta(gt=0, le=1)] | None,
+        Meta(description="asked of a camera, which is set to manual exposure for it"),
+    ] = None
+    gain: Annotated[
+        Annotated[float, Meta(ge=0, le=1e6)] | None, Meta(description="asked of a camera, in its driver's units")
+    ] = None
     delay_s: Annotated[float, Meta(ge=-1, le=1, description="constant taken off every stamp")] = 0.0
     stamp_of: Annotated[
         Literal["middle", "exposure_start", "exposure_end", "frame_end"],

@@ -13,8 +13,9 @@ from edge.capture.address import shown
 from edge.capture.creation_time import creation_unix_s
 from edge.capture.folder import ImageFolder
 from edge.capture.frame import FrameSource, Image, Picture, Remark, TimeSource
-from edge.capture.live import RtspStream, V4l2Camera, open_rtsp, open_v4l2
+from edge.capture.live import RtspStream, open_rtsp
 from edge.capture.pacing import Realtime
+from edge.capture.v4l2 import V4l2Camera, V4l2Wish, open_v4l2
 from edge.capture.video import VideoFile
 from edge.common.errors import ConfigError
 from edge.common.utc import Dated
@@ -71,12 +72,16 @@ def open_source(
     kind = kind_of(camera)
     source = camera.source
     if kind == "v4l2":
+        wish = V4l2Wish(source.size_px, source.pixel_format, source.fps, source.exposure_s, source.gain)
+        capture, remarks = open_v4l2(source.path, wish, source.timeout_s)
         return V4l2Camera(
-            open_v4l2(source.path, source.size_px, source.pixel_format, source.fps, source.timeout_s),
+            capture,
             source.path,
             colour=colour,
+            fps=source.fps,
+            remarks=remarks,
             stamp_of=source.stamp_of,
-            exposure_s=camera.exposure_s,
+            exposure_s=camera.exposure_s or source.exposure_s or 0.0,
             readout_s=camera.readout_s or 0.0,
             delay_s=source.delay_s,
             date=date,

@@ -29,6 +29,11 @@ log = logging.getLogger(__name__)
 # CAP_PROP_CODEC_PIXEL_FORMAT of video whose first plane is 8-bit luma, one byte a pixel: 4:2:0, 4:2:2 and 4:4:4 planar,
 # 4:2:0 with interleaved colour, 4:1:1, 4:1:0, grey.
 PLANAR_8_BIT: Final = frozenset({"I420", "NV12", "NV21", "Y42B", "444P", "Y41B", "YUV9", "Y800", "GREY"})
+DEEP_GREY: Final = "Y1\0\x10"  # FFmpeg's gray16le, which OpenCV hands out as it is
+DEEP_GREY_SWAPPED: Final = "\x10\x001Y"  # gray16be, which it takes for eight bits
+GREY_BITS: Final = "Y1\0"  # and how many: FFmpeg's gray10le, gray12le, gray14le
+POOR_RANGE: Final = 16  # grey levels
+DEEP_GREY_ARGS: Final = "-pix_fmt gray16le -c:v ffv1"
 ALIKE: Final = 0.95  # correlation of luma and the grey of colours: above 0.99 for the same picture, 0.6 for torn ones
 EVEN_STD_GREY: Final = 1.0  # grey levels: a picture more even than this correlates with nothing
 TRIED_GRABS: Final = 2000  # packets that may fail in a row: a minute of them; at a true end they cost milliseconds
@@ -42,10 +47,14 @@ FILLS: Final = (0xA5, 0x3C)  # two values: no picture is evenly the one and then
 
 @dataclass(frozen=True)
 class Probe:
-    """What a file's first frames show. luma: whether luma alone may be decoded. first_ms: their times by the file."""
+    """What a file's first frames show. luma: whether luma alone may be decoded. first_ms: their times by the file.
+    deep: whether they are grey of sixteen bits, which colours would cut to their upper eight.
+    cut: whether they were cut to a few grey levels."""
 
     luma: bool
     first_ms: tuple[float, ...]
+    deep: bool = False
+    cut: bool = False
 
 
 def probe(path: str, *, colour: bool) -> Probe:
@@ -59,9 +68,20 @@ def probe(path: str, *, colour: bool) -> Probe:
         form = pixel_format(capture)
     finally:
         capture.release()
+    if form == DEEP_GREY_SWAPPED:
+        action = f"convert it: ffmpeg -i FILE {DEEP_GREY_ARGS} NEW.mkv"
+        raise SourceError("its pictures are big-endian grey of 16 bits, which are not read", where=path, action=action)
+    if form == DEEP_GREY:
+        return Probe(False, tuple(times), deep=True)
     in_colour = first_picture(path, luma=False) if grabbed else None
     luma = not colour and in_colour is not None and luma_is_true(path, form, in_colour)
-    return Probe(luma, tuple(times))
+    return Probe(luma, tuple(times), cut=form.startswith(GREY_BITS) and in_colour is not None and is_poor(in_colour))
+
+
+def is_poor(image: Image) -> bool:
+    """Whether a picture holds so few grey levels that what it was made of had more."""
+    low, high = np.percentile(grey(image)[::4, ::4], (0.5, 99.5))
+    return bool(high - low < POOR_RANGE)
 
 
 def fourcc(capture: Any) -> str:

@@ -32,6 +32,14 @@ def grey(image: Image) -> Image:
     return flat
 
 
+def as_wanted(image: Image, *, colour: bool) -> Image:
+    """An eight-bit picture in grey, or in BGR for a model that wants colours of a grey camera too."""
+    if not colour:
+        return grey(image)
+    bgr: Image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    return bgr
+
+
 class Contrast:
     """Sixteen bits to eight by contrast: one stretch for all pictures, for one that moved would look like motion.
 

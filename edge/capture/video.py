@@ -8,15 +8,15 @@ it says at the end. So it is asked again, what was lost is told, and the file's 
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
 
-from edge.capture.decoding import TRIED_GRABS, fourcc, opened, picture_at, probe, retrieve_luma
+from edge.capture.decoding import DEEP_GREY_ARGS, TRIED_GRABS, fourcc, opened, picture_at, probe, retrieve_luma
 from edge.capture.file_times import RATES_ALIKE, FileTimes, carry_times, has_no_container, usual_interval_s
 from edge.capture.frame import Image, Picture, Remark
-from edge.capture.grey import grey
+from edge.capture.grey import Contrast, as_wanted
 from edge.common.errors import SourceError
 
 log = logging.getLogger(__name__)
@@ -59,7 +59,12 @@ class VideoFile:
         self._segment = 0
         self._remarks: list[Remark] = list(remarks)
         self._probe = probe(path, colour=colour)
+        self._raw = self._probe.luma or self._probe.deep
+        self._stretch = Contrast()
         self._fps = self._rate(fps) if dated else UNDATED_FPS
+        if self._probe.cut:
+            said = "its pictures fill hardly any of 256 grey levels: what they have beyond eight bits is cut"
+            self._remark(said, f"convert it: ffmpeg -i FILE {DEEP_GREY_ARGS} NEW.mkv")
         self._begin(t0_unix_ns)
 
     def _rate(self, fps: float | None) -> float | None:
@@ -80,7 +85,7 @@ class VideoFile:
 
     def _begin(self, t0_unix_ns: int) -> None:
         self._capture = opened(self._path)
-        if self._probe.luma:
+        if self._raw:
             self._capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
         self._times = FileTimes(self._fps, usual_interval_s(self._probe.first_ms), self._length_s())
         self._end_ms = 0.0
@@ -181,13 +186,16 @@ class VideoFile:
 
     def retrieve(self, t_unix_ns: int) -> Picture | None:
         """The frame last grabbed; None where it cannot be decoded."""
-        ok, image = retrieve_luma(self._capture) if self._probe.luma else self._capture.retrieve()
+        ok, image = retrieve_luma(self._capture) if self._raw else self._capture.retrieve()
         if not ok:
             self._lost += 1
             return None
         self._doubt_repeats(image)
         bound_s = self._bound_s if self._times.bounded else None
-        return Picture(t_unix_ns, image if self._colour else grey(image), "file", bound_s, self._segment)
+        return Picture(t_unix_ns, self._eight_bits(image), "file", bound_s, self._segment)
+
+    def _eight_bits(self, image: Any) -> Image:
+        return as_wanted(self._stretch.apply(image) if self._probe.deep else image, colour=self._colour)
 
     def _doubt_repeats(self, image: Image) -> None:
         """A picture equal to the last may be one that the decoder left as it was: see whether it decodes by itself."""
@@ -198,7 +206,7 @@ class VideoFile:
             return
         if before.shape == sample.shape and np.array_equal(before, sample):
             self._repeats += 1
-            picture_at(self._path, index, luma=self._probe.luma)
+            picture_at(self._path, index, luma=self._raw)
 
     def close(self) -> None:
         """Close the file."""

@@ -24,10 +24,10 @@ def frames_of(source: Any) -> list[Picture]:
     return list(iter(source.read, None))
 
 
-def encode(path: Path, images: list[np.ndarray], options: list[str]) -> Path:
-    """A video of grey images at 25 Hz, as ffmpeg makes it with some options."""
+def encode(path: Path, images: list[np.ndarray], options: list[str], form: str = "gray") -> Path:
+    """A video of grey images at 25 Hz, as ffmpeg makes it with some options. form: of the images, in its words."""
     height, width = images[0].shape
-    head = ["-f", "rawvideo", "-pix_fmt", "gray", "-s", f"{width}x{height}", "-r", "25", "-i", "-"]
+    head = ["-f", "rawvideo", "-pix_fmt", form, "-s", f"{width}x{height}", "-r", "25", "-i", "-"]
     data = b"".join(image.tobytes() for image in images)
     subprocess.run(["ffmpeg", "-y", "-loglevel", "error", *head, *options, str(path)], input=data, check=True)
     return path

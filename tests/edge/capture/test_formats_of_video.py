@@ -65,6 +65,45 @@ def test_every_format_gives_the_pictures_that_were_filmed(tmp_path: Path, name: 
     assert video._probe.luma == luma
 
 
+def thermal() -> list[np.ndarray]:
+    """Fourteen bits of a thermal camera, of which the scene fills three hundred counts."""
+    rng = np.random.default_rng(18)
+    across, down = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    shown = []
+    for k in range(COUNT):
+        image = 8000 + across + rng.normal(0, 6, across.shape)
+        image += 250 * np.clip(3.5 - np.hypot(across - 40 - 5 * k, down - 100), 0, 1)
+        shown.append(image.astype("<u2"))
+    return shown
+
+
+@pytest.mark.parametrize(("name", "codec"), [("a.mkv", "ffv1"), ("b.mov", "tiff")])
+def test_sixteen_bits_are_stretched_by_contrast_and_not_cut(tmp_path: Path, name: str, codec: str) -> None:
+    file = encode(tmp_path / name, thermal(), ["-c:v", codec, "-pix_fmt", "gray16le"], "gray16le")
+    for colour in (False, True):
+        frames = frames_of(VideoFile(str(file), t0_unix_ns=T0, bound_s=0.0, colour=colour))
+        assert len(frames) == COUNT
+        image = frames[3].image if not colour else frames[3].image[:, :, 0]
+        assert len(np.unique(image)) > 60
+        assert int(image[100, 55]) - int(image[100, 40]) > 40
+        assert likeness(image, np.clip((thermal()[3] - 7900) / 3, 0, 255).astype(np.uint8)) > 0.97
+
+
+@pytest.mark.parametrize(
+    ("codec", "form", "said"), [("png", "gray16be", "big-endian grey of 16 bits"), ("ffv1", "gray12le", "is cut")]
+)
+def test_what_cannot_be_stretched_is_said_with_what_to_do(tmp_path: Path, codec: str, form: str, said: str) -> None:
+    file = encode(tmp_path / "a.mkv", thermal(), ["-c:v", codec, "-pix_fmt", form], "gray16le")
+    try:
+        video = VideoFile(str(file), t0_unix_ns=T0, bound_s=0.0)
+        found = [(remark.what, remark.action) for remark in video.remarks]
+    except SourceError as error:
+        found = [(error.what, error.action)]
+    assert len(found) == 1
+    assert said in found[0][0]
+    assert "ffmpeg -i FILE -pix_fmt gray16le" in found[0][1]
+
+
 INTERLACED = {
     "mpeg2.ts": ["-c:v", "mpeg2video", "-q:v", "2", "-flags", "+ildct+ilme", "-top", "1"],
     "h264.mp4": [*H264, "-flags", "+ildct+ilme", "-x264opts", "tff=1", "-pix_fmt", "yuv420p"],

@@ -1,60 +1,14 @@
 """Live sources: whose clock stamped a frame, and whether it is to be believed."""
 
-from typing import Any
-
 import cv2
 import numpy as np
 import pytest
 
-from edge.capture.frame import Picture, middle_of_exposure
-from edge.capture.live import RtspStream, V4l2Camera
-from edge.capture.stamps import ARRIVAL_BOUND_S, SENSOR_BOUND_S
-from edge.common.errors import SourceError
-from edge.common.utc import Dated, UtcMapping
+from edge.capture.frame import Picture
+from edge.capture.live import RtspStream
+from edge.capture.stamps import ARRIVAL_BOUND_S
+from edge.common.utc import UtcMapping
 from tests.edge.capture.sources import MS, T0, FakeCapture, undoubted
-
-
-class TestV4l2:
-    OFFSET = T0 - 5000 * 10**9  # UTC minus monotonic
-    doubt_s = 0.0
-
-    def read(self, stamp_ms: float, arrival_ns: int, **options: Any) -> Picture:
-        source = V4l2Camera(
-            FakeCapture([{cv2.CAP_PROP_POS_MSEC: stamp_ms}]),
-            "/dev/video0",
-            colour=False,
-            date=lambda monotonic_ns: Dated(monotonic_ns + self.OFFSET, self.doubt_s),
-            monotonic_ns=lambda: arrival_ns,
-            **options,
-        )
-        return source.read()
-
-    def test_driver_stamp_becomes_utc(self) -> None:
-        frame = self.read(5000_123.456, 5000_160 * MS)
-        assert frame.t_unix_ns == T0 + 123_456_000
-        assert frame.time_source == "sensor"
-
-    @pytest.mark.parametrize(
-        ("stamp_of", "shift_ms"), [("middle", 0), ("exposure_start", 4), ("exposure_end", -4), ("frame_end", -24)]
-    )
-    def test_stamps_of_other_instants_are_moved_to_the_middle(self, stamp_of: Any, shift_ms: int) -> None:
-        frame = self.read(5000_100.0, 5000_160 * MS, stamp_of=stamp_of, exposure_s=0.008, readout_s=0.02)
-        assert frame.t_unix_ns == T0 + (100 + shift_ms) * MS
-        assert middle_of_exposure(0, stamp_of, 0.008, 0.02) == shift_ms * MS
-
-    @pytest.mark.parametrize("stamp_ms", [0.0, 6000_000.0, 1_700_000_000_000.0])
-    def test_without_a_believable_stamp_arrival_counts_and_says_so(self, stamp_ms: float) -> None:
-        frame = self.read(stamp_ms, 5000_160 * MS)
-        assert (frame.t_unix_ns, frame.time_source, frame.bound_s) == (T0 + 160 * MS, "arrival", ARRIVAL_BOUND_S)
-
-    def test_a_frame_about_a_step_says_that_it_may_be_off_by_all_of_it(self) -> None:
-        self.doubt_s = 0.5
-        assert self.read(5000_123.456, 5000_160 * MS).bound_s == pytest.approx(0.5 + SENSOR_BOUND_S)
-
-    def test_dead_camera_says_so(self) -> None:
-        source = V4l2Camera(FakeCapture([]), "/dev/video7", colour=False, date=undoubted)
-        with pytest.raises(SourceError, match=r"/dev/video7.*no more frames"):
-            source.read()
 
 
 class TestRtsp:
