@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -20,16 +21,24 @@ from calib.station.commands.arguments import add_config, folder_of
 from calib.station.config import MIN_CAMERAS, BaseConfig, Geodetic, load
 from calib.station.core.calibration import Phase
 from calib.station.core.stored_state import StoredState
+from calib.station.inputs.receiver import receiver_settings
+from calib.station.outputs.output import Output, StationStanding
 from calib.station.outputs.registry import OutputHost, open_output, wanted
 from calib.station.own_clock import check_own_clock
 from calib.station.status.asking import Running, running_station
 from calib.station.survey.in_force import survey_file, twice_given, with_survey
 from edge.clock.monitor import read_clock
 from edge.common.errors import ConfigError
+from edge.common.health import Check
 from edge.gnss.geoid import SITE_ZERO_M, contradiction, undulation_m
+from edge.gnss.receiver import Receiver
+from edge.gnss.trial import try_receiver
 from edge.link.ports import place, why_not_free
 from edge.link.security import Bearer, check_security
 
+SENDS: Final = 3  # times that an output sends, so that what the network says of the first is heard
+BETWEEN_SENDS_S: Final = 0.15
+LEVELS: Final = ("ok", "warn", "fail")
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 ASKED_FOR: Final = ("versions", "recordings")  # findings that only the station that runs can have
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
@@ -78,6 +87,7 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
         yield from _told_by(running)  # ports and receivers are its own: it is asked, not fought
         return
     yield from _outputs(config, folder)
+    yield from _receiver(config)
     for endpoint in config.link.listen:
         yield _listen(endpoint)
     if config.status.port is not None:
@@ -148,10 +158,33 @@ def _outputs(config: BaseConfig, folder: Path) -> Iterator[Line]:
     for one in (each for output in outputs for each in output.one_by_one()):
         try:
             with ExitStack() as stack:
-                status = open_output(one, host, stack).status
-                yield Line("PASS", one.title, "+".join(each.content for each in status) or "opened")
+                yield _sent(one.title, open_output(one, host, stack))
         except ConfigError as error:
             yield Line("FAIL", one.title, error.what, error.action)
+
+
+def _sent(title: str, output: Output) -> Line:
+    """What an output says once it has sent what it sends every second: as the station does, from this machine."""
+    nobody = StationStanding(time.time_ns(), 0, Phase.COLLECTING, "being checked", "", "", (), None, 0, 0)
+    worst = Check("", "ok", "")
+    for _ in range(SENDS):
+        output.second(nobody, [], time.time_ns())
+        time.sleep(BETWEEN_SENDS_S)
+        output.receive(time.time_ns(), time.time_ns(), lambda _: False)
+        # What the network says of a datagram comes with the next one.
+        worst = max([worst, *output.checks(time.time_ns())], key=lambda check: LEVELS.index(check.level))
+    if worst.level == "ok":
+        return Line("PASS", title, "+".join(each.content for each in output.status) or "opened")
+    return Line(VERDICTS[worst.level], title, worst.reason, worst.action)
+
+
+def _receiver(config: BaseConfig) -> Iterator[Line]:
+    """The rover's receiver, if there is one, read until it is clear how it is."""
+    if config.receiver is None:
+        return
+    settings = receiver_settings(config.receiver, where="receiver")
+    status = try_receiver(Receiver(settings, undulation_m=config.site.undulation_m))
+    yield Line(VERDICTS[status.level], "receiver", f"{status.state}: {status.reason}", status.action)
 
 
 def _writable(name: str, folder: Path) -> Line:

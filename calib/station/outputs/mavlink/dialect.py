@@ -390,6 +390,21 @@ enums["TRACK_FLAGS"][16] = EnumEntry("TRACK_FLAGS_SIMULATED", """Simulated or re
 TRACK_FLAGS_ENUM_END = 17
 enums["TRACK_FLAGS"][17] = EnumEntry("TRACK_FLAGS_ENUM_END", """""")
 
+# MAV_CMD
+enums["MAV_CMD"] = Enum()
+enums["MAV_CMD"].bitmask = False
+MAV_CMD_SKYFIX_CALIBRATE = 45010
+enums["MAV_CMD"][45010] = EnumEntry("MAV_CMD_SKYFIX_CALIBRATE", """Solve for the cameras' poses now, from what has been seen. Acknowledged as in progress, and again when done.""")
+enums["MAV_CMD"][45010].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][45010].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][45010].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][45010].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][45010].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][45010].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][45010].param[7] = """Reserved (default:0)"""
+MAV_CMD_ENUM_END = 45011
+enums["MAV_CMD"][45011] = EnumEntry("MAV_CMD_ENUM_END", """""")
+
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
 MAVLINK_MSG_ID_UNKNOWN = -2

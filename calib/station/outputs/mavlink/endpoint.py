@@ -5,9 +5,13 @@ TCP client and lose the ends of partial writes. Here names are looked up once, e
 kept for the operator, a client that does not read is dropped, and what is dialled is dialled again.
 """
 
+import contextlib
 import errno
+import os
 import socket
+import termios
 from abc import ABC, abstractmethod
+from collections import deque
 from typing import Final
 
 import serial
@@ -17,6 +21,13 @@ from edge.common.errors import ConfigError
 LINK_READ_BYTES: Final = 4096
 READS_A_POLL: Final = 16  # datagrams: a flood of commands must not hold up targets
 BACKLOG_BYTES: Final = 262_144  # per TCP client: seconds of full rate; more means it has stopped reading
+LINE_WAITING_S: Final = 0.5  # of a serial line's own rate: what waits longer is stale when its turn comes
+LINE_LEAST_WAITING_BYTES: Final = 1024  # a few whole frames on the slowest line
+BITS_A_BYTE: Final = 10  # on a serial line, start and stop included
+# What goes by itself once the receiver is there, or reads again.
+PATIENT: Final = frozenset(
+    {errno.ECONNREFUSED, errno.ECONNRESET, errno.EPIPE, errno.ETIMEDOUT, errno.ENOBUFS, errno.EINPROGRESS}
+)
 REDIAL_NS: Final = 1_000_000_000
 FORMS: Final = "udp:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
 IN_PROGRESS: Final = (errno.EINPROGRESS, errno.EALREADY, errno.EWOULDBLOCK)
@@ -30,6 +41,7 @@ class Endpoint(ABC):
         self.errors = 0
         self.sent_bytes = 0
         self.last_error = ""
+        self.hopeless = False  # whether the last error is one that no receiver's starting mends
 
     @abstractmethod
     def send(self, frames: list[bytes], now_ns: int) -> None:
@@ -46,6 +58,7 @@ class Endpoint(ABC):
     def _failed(self, error: OSError) -> None:
         self.errors += 1
         self.last_error = str(error)
+        self.hopeless = error.errno not in PATIENT
 
 
 class UdpEndpoint(Endpoint):
@@ -56,6 +69,9 @@ class UdpEndpoint(Endpoint):
         self._address = address
         family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setsockopt(
+            socket.SOL_SOCKET, socket.SO_BROADCAST, 1
+        )  # asked for by whoever writes such an address
         self._socket.setblocking(False)
 
     def send(self, frames: list[bytes], now_ns: int) -> None:
@@ -124,7 +140,9 @@ class TcpEndpoint(Endpoint):
         self._redial_ns = 0
         self._server: socket.socket | None = None
         if listen:
-            self._server = socket.create_server(address)
+            family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+            both = address[0] == "::" and socket.has_dualstack_ipv6()
+            self._server = socket.create_server(address, family=family, dualstack_ipv6=both)
             self._server.setblocking(False)
 
     def send(self, frames: list[bytes], now_ns: int) -> None:
@@ -189,6 +207,48 @@ class TcpEndpoint(Endpoint):
         self._adopt(connection)
 
 
+class _Waiting:
+    """Whole frames that a line has not taken yet; the oldest go where there is no more room."""
+
+    def __init__(self, limit_bytes: int) -> None:
+        self._limit_bytes = limit_bytes
+        self._begun = b""  # the rest of a frame of which a part is out: cut off it would spoil the next one too
+        self._frames: deque[bytes] = deque()
+
+    def put(self, frames: list[bytes]) -> int:
+        """Queue frames; how many were dropped for them."""
+        self._frames.extend(frames)
+        dropped = 0
+        while len(self._frames) > 1 and self._bytes() > self._limit_bytes:
+            self._frames.popleft()
+            dropped += 1
+        return dropped
+
+    def next_bytes(self) -> bytes:
+        """What is to be written next."""
+        return self._begun + b"".join(self._frames)
+
+    def taken(self, count: int) -> int:
+        """The line has taken so many bytes of it."""
+        left = count - len(self._begun)
+        if left < 0:
+            self._begun = self._begun[count:]
+            return count
+        self._begun = b""
+        while left > 0:
+            frame = self._frames.popleft()
+            self._begun, left = frame[left:], left - len(frame)
+        return count
+
+    def clear(self) -> None:
+        """Forget everything: the line is another one."""
+        self._begun = b""
+        self._frames.clear()
+
+    def _bytes(self) -> int:
+        return len(self._begun) + sum(map(len, self._frames))
+
+
 class SerialEndpoint(Endpoint):
     """A radio or flight controller on a serial line, opened again when it was unplugged."""
 
@@ -197,19 +257,25 @@ class SerialEndpoint(Endpoint):
         self._device, self._baud = device, baud
         self._line: serial.Serial | None = None
         self._retry_ns = 0
+        self._waiting = _Waiting(max(LINE_LEAST_WAITING_BYTES, round(baud / BITS_A_BYTE * LINE_WAITING_S)))
 
     def send(self, frames: list[bytes], now_ns: int) -> None:
         line = self._open(now_ns)
-        if line is None or not frames:
+        if line is None or not (frames or self._waiting.next_bytes()):
             return
+        dropped = self._waiting.put(frames)
         try:
-            data = b"".join(frames)
-            written = line.write(data) or 0
-            self.sent_bytes += written
-            if written < len(data):
-                self._failed(OSError(errno.ENOBUFS, "line slower than the stream; lower rate_hz"))
+            # pyserial's own write, told not to wait, turns round and round for as long as the line takes nothing.
+            self.sent_bytes += self._waiting.taken(os.write(line.fileno(), self._waiting.next_bytes()))
+        except BlockingIOError:
+            pass
         except (OSError, serial.SerialException) as error:
             self._lost(error)
+            return
+        if dropped:
+            self._failed(
+                OSError(errno.ENOBUFS, "the line does not take what is sent: look at its peer, or lower rate_hz")
+            )
 
     def receive(self, now_ns: int) -> list[tuple[int, bytes]]:
         line = self._open(now_ns)
@@ -222,20 +288,24 @@ class SerialEndpoint(Endpoint):
 
     def close(self) -> None:
         if self._line is not None:
+            with contextlib.suppress(OSError, termios.error):
+                self._line.reset_output_buffer()  # else the kernel waits half a minute for a line that takes nothing
             self._line.close()
             self._line = None
+        self._waiting.clear()
 
     def _open(self, now_ns: int) -> serial.Serial | None:
         if self._line is None and now_ns >= self._retry_ns:
             self._retry_ns = now_ns + REDIAL_NS
             try:
-                self._line = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True)
+                self._line = serial.Serial(self._device, self._baud, timeout=0, exclusive=True)
+                os.set_blocking(self._line.fileno(), False)
             except (OSError, serial.SerialException, ValueError) as error:
                 self._lost(error)
         return self._line
 
     def _lost(self, error: Exception) -> None:
-        self._failed(OSError(str(error)))
+        self._failed(error if isinstance(error, OSError) else OSError(str(error)))
         self.close()
 
 
@@ -243,12 +313,14 @@ def open_endpoint(url: str) -> Endpoint:
     """The endpoint of a URL, ready to send. Raises ConfigError if it is none, or its name or port cannot be had."""
     kind, _, rest = url.partition(":")
     place, _, number = rest.rpartition(":")
+    if remedy := _meant(kind, rest):
+        raise ConfigError(f"{url!r} is no MAVLink endpoint", where="mavlink.endpoint.url", action=remedy)
     if not (place and number.isdigit() and kind in {"udp", "tcp", "tcpin", "serial"}):
         raise ConfigError(f"{url!r} is no MAVLink endpoint", where="mavlink.endpoint.url", action=f"write {FORMS}")
     try:
         if kind == "serial":
             return SerialEndpoint(url, place, int(number))
-        address = _resolve(place.strip("[]"), int(number))
+        address = _resolve("::" if place == ":" else place.strip("[]"), int(number))
         return UdpEndpoint(url, address) if kind == "udp" else TcpEndpoint(url, address, listen=kind == "tcpin")
     except (OSError, OverflowError) as error:
         raise ConfigError(
@@ -258,6 +330,19 @@ def open_endpoint(url: str) -> Endpoint:
         ) from error
 
 
+def _meant(kind: str, rest: str) -> str:
+    """What to write instead of another program's way to write it; empty if it may be ours."""
+    if rest.startswith("//"):
+        return f"write {kind}:{rest.removeprefix('//')}, without the slashes; or one of {FORMS}"
+    if kind in {"udpout", "tcpout"}:
+        return f"write {kind.removesuffix('out')}:{rest}; or one of {FORMS}"
+    if kind == "udpin":
+        return f"this program sends to the receivers: write udp:HOST:PORT with a receiver's address; or one of {FORMS}"
+    return ""
+
+
 def _resolve(host: str, port: int) -> tuple[str, int]:
-    found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][4]
-    return str(found[0]), int(found[1])
+    """The address of a host. Of a name that has both, IPv4: receivers listen there, and rarely on IPv6 too."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+    address = min(found, key=lambda each: each[0] != socket.AF_INET)[4]
+    return str(address[0]), int(address[1])

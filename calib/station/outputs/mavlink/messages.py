@@ -24,6 +24,7 @@ COMPONENT_ECEF: Final = common.MAV_COMP_ID_USER1  # 25
 ICAO_BAND: Final = 0x3FFF  # unallocated by ICAO; MAVProxy draws this band as drones
 HEADING_FROM_M_S: Final = 1.0  # slower than that a course over ground is noise
 UINT32: Final = 0xFFFFFFFF  # time_boot_ms wraps after 49.7 days
+CALLSIGN_LETTERS: Final = 8
 STATUS_BYTES: Final = 50  # of a STATUSTEXT chunk
 
 TRACK_STATES: Final = {
@@ -38,6 +39,23 @@ for _id, _kind in dialect.mavlink_map.items():  # so that pymavlink's own parser
 
 
 @dataclass(frozen=True)
+class Identity:
+    """What tells a station from others on one network.
+
+    icao_first, icao_count: addresses its tracks are drawn under. callsign: what theirs begin with, up to four letters.
+    """
+
+    component_gcs: int = COMPONENT_GCS
+    component_ecef: int = COMPONENT_ECEF
+    icao_first: int = 1
+    icao_count: int = ICAO_BAND
+    callsign: str = "SKY"
+
+
+ANY_STATION: Final = Identity()
+
+
+@dataclass(frozen=True)
 class MavlinkContext:
     """What all messages of a station share. undulation_m: geoid above ellipsoid, None if no gcs endpoint needs it."""
 
@@ -45,6 +63,7 @@ class MavlinkContext:
     epoch: int
     simulated: bool = False
     undulation_m: float | None = None
+    identity: Identity = ANY_STATION
 
 
 @dataclass(frozen=True)
@@ -99,7 +118,7 @@ def adsb_vehicle(target: OutgoingTarget, context: MavlinkContext) -> common.MAVL
     flags |= common.ADSB_FLAGS_VALID_HEADING if speed >= HEADING_FROM_M_S else 0
     flags |= common.ADSB_FLAGS_SIMULATED if context.simulated else 0
     return common.MAVLink_adsb_vehicle_message(
-        ICAO_address=icao(target.track),
+        ICAO_address=icao(target.track, context.identity),
         lat=round(latitude * 1e7),
         lon=round(longitude * 1e7),
         altitude_type=common.ADSB_ALTITUDE_TYPE_GEOMETRIC,
@@ -107,7 +126,7 @@ def adsb_vehicle(target: OutgoingTarget, context: MavlinkContext) -> common.MAVL
         heading=round(math.degrees(math.atan2(east, north)) % 360 * 100) % 36000,
         hor_velocity=_within(speed * 100, 0, 65535),
         ver_velocity=_within(up * 100, -32767, 32767),
-        callsign=callsign(target.track),
+        callsign=callsign(target.track, context.identity),
         emitter_type=common.ADSB_EMITTER_TYPE_UAV,
         tslc=_within(math.floor(target.age_s), 0, 255),
         flags=flags,
@@ -115,14 +134,15 @@ def adsb_vehicle(target: OutgoingTarget, context: MavlinkContext) -> common.MAVL
     )
 
 
-def icao(track: int) -> int:
-    """The address a track is drawn under: 1 to 0x3FFF, reused only after 16 383 others."""
-    return (track - 1) % ICAO_BAND + 1
+def icao(track: int, identity: Identity = ANY_STATION) -> int:
+    """The address a track is drawn under: one of the station's, reused only after all its others."""
+    return (track - 1) % identity.icao_count + identity.icao_first
 
 
-def callsign(track: int) -> bytes:
+def callsign(track: int, identity: Identity = ANY_STATION) -> bytes:
     """Eight characters of its own for each track; equal ones make ground stations blink."""
-    return b"SKY%05d\0" % icao(track)
+    number = str((track - 1) % identity.icao_count + 1)
+    return (identity.callsign + number.zfill(CALLSIGN_LETTERS - len(identity.callsign))).encode("ascii") + b"\0"
 
 
 def heartbeat(status: TrackerStatus) -> common.MAVLink_heartbeat_message:
@@ -137,10 +157,10 @@ def heartbeat(status: TrackerStatus) -> common.MAVLink_heartbeat_message:
     )
 
 
-def system_time(status: TrackerStatus) -> common.MAVLink_system_time_message:
-    """SYSTEM_TIME: how our UTC and our boot time go together."""
+def system_time(status: TrackerStatus, now_unix_ns: int) -> common.MAVLink_system_time_message:
+    """SYSTEM_TIME. now_unix_ns: UTC that others may set themselves by, so never a recording's; 0: none."""
     return common.MAVLink_system_time_message(
-        time_unix_usec=status.t_unix_ns // 1000, time_boot_ms=status.uptime_ms & UINT32
+        time_unix_usec=now_unix_ns // 1000, time_boot_ms=status.uptime_ms & UINT32
     )
 
 

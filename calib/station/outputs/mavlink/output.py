@@ -13,6 +13,7 @@ from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.core.outgoing import OutgoingTarget
 from calib.station.outputs.mavlink.codec import CLOCK_SET_S, Streams, read_key
 from calib.station.outputs.mavlink.endpoint import Endpoint, open_endpoint
+from calib.station.outputs.mavlink.identity import Clashes, identity_of
 from calib.station.outputs.mavlink.messages import MavlinkContext
 from calib.station.outputs.mavlink.port import MavlinkPort
 from calib.station.outputs.mavlink.tracker_status import tracker_status
@@ -48,6 +49,8 @@ class MavlinkOutput:
         self._errors: Counter[str] = Counter()
         self._refused, self._refused_ns = 0, -REFUSAL_RECENT_NS
         self._streams: dict[bytes | None, Streams] = {}
+        self._identity = identity_of(options, context.site.name, context.folder)
+        self._clashes = Clashes(options.system_id, self._identity)
         try:
             for section in options.endpoint:
                 self._lines.append((self._port(section), open_endpoint(section.url), section))
@@ -65,12 +68,13 @@ class MavlinkOutput:
             )
         streams = self._streams.setdefault(key, Streams(time.time()))
         mavlink = self._mavlink_context(self._context.site.origin or (0.0, 0.0, 0.0))
-        port = MavlinkPort(section, self._options, mavlink, key, streams)
+        port = MavlinkPort(section, self._options, mavlink, key, streams, clashes=self._clashes)
         port.refresh(time.time(), self._context.signing_ticks)
         return port
 
     def _mavlink_context(self, origin: Origin) -> MavlinkContext:
-        return MavlinkContext(origin, self._context.epoch, self._options.simulated, self._context.site.undulation_m)
+        undulation_m = self._context.site.undulation_m
+        return MavlinkContext(origin, self._context.epoch, self._options.simulated, undulation_m, self._identity)
 
     @property
     def rate_hz(self) -> float:
@@ -93,7 +97,7 @@ class MavlinkOutput:
         status, newest = tracker_status(standing), 0
         for port, endpoint, _ in self._lines:
             newest = max(newest, port.refresh(time.time()))
-            frames = port.second(status, faulted=bool(standing.fault))
+            frames = port.second(status, faulted=bool(standing.fault), now_unix_ns=self._told_unix_ns())
             for level, text in texts:
                 frames += port.text(SEVERITIES[level], text)
             self._send(endpoint, frames, now_ns)
@@ -101,16 +105,21 @@ class MavlinkOutput:
 
     def receive(self, now_ns: int, now_unix_ns: int, command: CommandHandler) -> None:
         for port, endpoint, _ in self._lines:
-            for _, data in endpoint.receive(now_ns):
-                self._send(endpoint, port.receive(data, now_unix_ns, command), now_ns)
+            for peer, data in endpoint.receive(now_ns):
+                self._send(endpoint, port.receive(data, now_unix_ns, command, peer), now_ns)
 
     def calibrated(self, done: bool, now_ns: int) -> None:
         """Tell whoever asked for a calibration how it ended."""
         for port, endpoint, _ in self._lines:
             self._send(endpoint, port.finished(done), now_ns)
 
+    def _told_unix_ns(self) -> int:
+        """UTC for others to set themselves by: this machine's, never a recording's; 0 where nobody should."""
+        return 0 if self._options.simulated or time.time() < CLOCK_SET_S else time.time_ns()
+
     def _send(self, endpoint: Endpoint, frames: list[bytes], now_ns: int) -> None:
         endpoint.send(frames, now_ns)
+        self._clashes.sent(frames)
         for frame in frames:
             self._context.record(endpoint.url, frame)
 
@@ -131,14 +140,18 @@ class MavlinkOutput:
         if now_ns - self._refused_ns < REFUSAL_RECENT_NS:
             action = "sign with this station's key, list the system in commands_from, or find out who it is"
             checks.append(Check("mavlink commands", "warn", f"{refused} were refused ({self._reasons()})", action))
+        checks += [Check("mavlink identity", "warn", what, action) for what, action in self._clashes.found.items()]
         return checks
 
     def _check(self, endpoint: Endpoint) -> Check:
         failing = endpoint.errors > self._errors[endpoint.url]
         self._errors[endpoint.url] = endpoint.errors
         if failing:
-            action = "start the receiver, check the address"
-            return Check(f"mavlink {endpoint.url}", "warn", endpoint.last_error, action)
+            action = (
+                "check the address and the device" if endpoint.hopeless else "start the receiver, check the address"
+            )
+            level: HealthLevel = "fail" if endpoint.hopeless else "warn"
+            return Check(f"mavlink {endpoint.url}", level, endpoint.last_error, action)
         return Check(f"mavlink {endpoint.url}", "ok", "sends")
 
     def _reasons(self) -> str:

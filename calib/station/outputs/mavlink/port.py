@@ -3,11 +3,13 @@
 The hazards: a radio that drowns in full-rate tracks, an aircraft that stays on the map because its end was never sent,
 and a command obeyed that nobody was entitled to give. So tracks are limited in rate per target, LOST is sent three
 times and then nothing, and commands count only when signed, or from a system that the configuration lists; but every
-command addressed to us is answered, because senders repeat what is not.
+command addressed to us is answered, because senders repeat what is not. Addressed to all components of the system that
+the station shares with a vehicle, only its own commands are: whoever waits for the autopilot's answer would take ours.
 """
 
 import math
 import struct
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -17,9 +19,11 @@ from pymavlink.dialects.v20 import common
 
 from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.core.outgoing import OutgoingTarget
-from calib.station.outputs.mavlink import messages
+from calib.station.outputs.mavlink import dialect, messages
 from calib.station.outputs.mavlink.codec import Codec, Streams
-from calib.station.outputs.mavlink.messages import COMPONENT_ECEF, COMPONENT_GCS, MavlinkContext, TrackerStatus
+from calib.station.outputs.mavlink.identity import Clashes
+from calib.station.outputs.mavlink.messages import MavlinkContext, TrackerStatus
+from calib.station.outputs.mavlink.timesync import asks_us, timesync_answer
 from calib.station.outputs.output import CommandHandler
 from calib.tracking.targets import TargetState
 from edge.common.units import NS
@@ -28,6 +32,8 @@ LOST_REPEATS: Final = 3  # UDP loses one in a hundred, hardly three in a row
 LOST_SPACING_NS: Final = 200_000_000
 TEXTS_A_SECOND: Final = 5  # STATUSTEXT: an operator reads no more, a radio carries no more
 MAX_INTERVAL_US: Final = 60_000_000
+MOST_PEERS: Final = 64  # parsers kept: clients of one endpoint at a time
+OWN_COMMANDS: Final = frozenset({dialect.MAV_CMD_SKYFIX_CALIBRATE})
 
 
 @dataclass
@@ -63,14 +69,24 @@ class MavlinkPort:
         context: MavlinkContext,
         key: bytes | None,
         streams: Streams | None = None,
+        *,
+        clashes: Clashes | None = None,
     ) -> None:
-        """key: signs and verifies; None: neither. streams: what was received under this key on any endpoint."""
+        """key: signs and verifies; None: neither. streams: what was received under this key on any endpoint.
+
+        clashes: of all endpoints.
+        """
         self._endpoint, self._context = endpoint, context
         profile = endpoint.profile
-        self._gcs = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id) if "gcs" in profile else None
-        self._ecef = Codec(options.system_id, COMPONENT_ECEF, key, endpoint.link_id) if "ecef" in profile else None
-        self._listener = Codec(options.system_id, COMPONENT_GCS, key, endpoint.link_id, streams)
-        self._listener.signing.allow_unsigned_callback = lambda *_: True  # obeyed or not is decided per command
+        own = context.identity
+        self._gcs = Codec(options.system_id, own.component_gcs, key, endpoint.link_id) if "gcs" in profile else None
+        self._ecef = Codec(options.system_id, own.component_ecef, key, endpoint.link_id) if "ecef" in profile else None
+        self._new_listener: Callable[[], Codec] = lambda: Codec(
+            options.system_id, own.component_gcs, key, endpoint.link_id, streams
+        )
+        self._listeners: dict[int, Codec] = {}  # one a peer: a frame may come in pieces, between those of others
+        self._clock = (time.time(), 0)
+        self._clashes = clashes or Clashes(options.system_id, own)
         self._adsb = _Paced(interval_ns=round(NS / options.adsb_rate_hz))
         self._tracks = _Paced(interval_ns=round(NS / endpoint.rate_hz))
         self._notices: list[_LostNotice] = []
@@ -89,9 +105,10 @@ class MavlinkPort:
 
     def refresh(self, now_unix_s: float, stored_ticks: int = 0) -> int:
         """Bring signing times up to the clock; returns the newest, in ticks, to be stored."""
-        for codec in (*self._codecs, self._listener):
+        self._clock = (now_unix_s, stored_ticks)
+        for codec in (*self._codecs, *self._listeners.values()):
             codec.refresh(now_unix_s, stored_ticks)
-        return max(int(codec.signing.timestamp) for codec in (*self._codecs, self._listener))
+        return max(int(codec.signing.timestamp) for codec in self._codecs)
 
     # Out
 
@@ -119,13 +136,16 @@ class MavlinkPort:
         self._notices = [f for f in self._notices if f.left > 0 and self._ecef is not None]
         return frames
 
-    def second(self, status: TrackerStatus, *, faulted: bool) -> list[bytes]:
-        """The frames of every second: heartbeats, times, the tracker's status. No heartbeat when faulted."""
+    def second(self, status: TrackerStatus, *, faulted: bool, now_unix_ns: int = 0) -> list[bytes]:
+        """The frames of every second: heartbeats, times, the tracker's status. No heartbeat when faulted.
+
+        now_unix_ns: UTC by this machine's clock; 0: not to be told.
+        """
         self._text_budget = TEXTS_A_SECOND
         frames: list[bytes] = []
         for codec in self._codecs:
             frames += [] if faulted else self._frame(codec, messages.heartbeat, status)
-            frames += self._frame(codec, messages.system_time, status)
+            frames += self._frame(codec, messages.system_time, status, now_unix_ns)
         if self._ecef is not None:
             frames += self._frame(self._ecef, messages.tracker_status, status, self._context)
         return frames
@@ -151,21 +171,34 @@ class MavlinkPort:
 
     # In
 
-    def receive(self, data: bytes, now_unix_ns: int, command: CommandHandler) -> list[bytes]:
-        """Answers to what came. command: called for a command that is obeyed; whether it can be done."""
+    def receive(self, data: bytes, now_unix_ns: int, command: CommandHandler, peer: int = 0) -> list[bytes]:
+        """Answers to what came from a peer. command: called for a command that is obeyed; whether it can be done."""
         replies: list[bytes] = []
-        for message in self._listener.received(data):
+        for message in self._heard(peer).received(data):
             kind = message.get_type()
-            if kind == "TIMESYNC" and message.tc1 == 0:
-                reply = common.MAVLink_timesync_message(tc1=now_unix_ns, ts1=message.ts1)
-                replies += [codec.encoded(reply) for codec in self._codecs[:1]]
+            self._clashes.hear(message)
+            if kind == "TIMESYNC":
+                replies += [
+                    timesync_answer(codec, message, now_unix_ns)
+                    for codec in self._codecs[:1]
+                    if asks_us(codec, message)
+                ]
             elif kind in {"COMMAND_LONG", "COMMAND_INT"}:
                 replies += self._answer(message, command)
         return replies
 
+    def _heard(self, peer: int) -> Codec:
+        if peer not in self._listeners:
+            if len(self._listeners) >= MOST_PEERS:
+                del self._listeners[next(iter(self._listeners))]
+            listener = self._listeners[peer] = self._new_listener()
+            listener.signing.allow_unsigned_callback = lambda *_: True  # obeyed or not is decided per command
+            listener.refresh(*self._clock)
+        return self._listeners[peer]
+
     def _answer(self, message: common.MAVLink_command_long_message, command: CommandHandler) -> list[bytes]:
         codec = self._addressed(message)
-        if codec is None:
+        if codec is None or (message.target_component == 0 and message.command not in OWN_COMMANDS):
             return []
         extra: list[bytes] = []
         if not self._entitled(message):
@@ -173,6 +206,8 @@ class MavlinkPort:
             self.counters[f"commands_{message.signature if self._signed else 'unlisted'}"] += 1
         else:
             result, extra = self._obey(codec, message, command)
+            if result in REFUSALS:
+                self.counters[f"commands_{REFUSALS[result]}"] += 1
         obeyed = result in {common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_IN_PROGRESS}
         self.counters["commands_obeyed" if obeyed else "commands_refused"] += 1
         return [self._acknowledge(codec, message, result), *extra]
@@ -192,7 +227,7 @@ class MavlinkPort:
     def _obey(
         self, codec: Codec, message: common.MAVLink_command_long_message, command: CommandHandler
     ) -> tuple[int, list[bytes]]:
-        if message.command == common.MAV_CMD_PREFLIGHT_CALIBRATION:
+        if message.command == dialect.MAV_CMD_SKYFIX_CALIBRATE:
             if self._running is not None:
                 return common.MAV_RESULT_TEMPORARILY_REJECTED, []
             if not command("calibrate"):
@@ -232,6 +267,13 @@ class MavlinkPort:
                 target_component=message.get_srcComponent(),
             )
         )
+
+
+REFUSALS: Final = {  # why a command of somebody who is entitled to it is not obeyed
+    common.MAV_RESULT_UNSUPPORTED: "unsupported",
+    common.MAV_RESULT_TEMPORARILY_REJECTED: "too early",
+    common.MAV_RESULT_DENIED: "out of range",
+}
 
 
 def _whole(number: float) -> int:

@@ -1,8 +1,10 @@
 """Sockets that never block the loop: UDP, TCP both ways, a serial line; peers that vanish, come back or do not read."""
 
+import contextlib
 import os
 import pty
 import socket
+import time
 import tty
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -135,3 +137,78 @@ def test_a_serial_line_speaks_and_is_opened_again_when_it_was_unplugged(tmp_path
             device.unlink()
             before = endpoint.errors
             assert until(lambda: (endpoint.receive(0), endpoint.errors > before)[1])  # noqa: B023
+
+
+def whole_frames(data: bytes) -> list[int]:
+    """The numbers of frames in a stream, each of eight bytes; raises ValueError where one is cut."""
+    return [int(data[k : k + 8].decode("ascii").removeprefix("#")) for k in range(0, len(data), 8)]
+
+
+def test_a_serial_peer_that_stops_reading_holds_up_nobody_and_loses_only_the_oldest() -> None:
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    os.set_blocking(ours, False)
+    with opened(f"serial:{os.ttyname(theirs)}:57600") as endpoint:
+        slowest_s = 0.0
+        for number in range(20_000):
+            began_s = time.perf_counter()
+            endpoint.send([b"#%07d" % number], 0)
+            endpoint.receive(0)
+            slowest_s = max(slowest_s, time.perf_counter() - began_s)
+        assert slowest_s < 0.5  # a busy machine's scheduling; a write that waits is without end
+        assert endpoint.errors > 1000
+        assert "does not take" in endpoint.last_error
+        assert not endpoint.hopeless
+        came = b""
+        for _ in range(200):  # it reads again
+            with contextlib.suppress(BlockingIOError):
+                came += os.read(ours, 65536)
+            endpoint.send([], 0)
+        numbers = whole_frames(came)
+        assert numbers == sorted(set(numbers))
+        assert numbers[-1] == 19_999
+        before = endpoint.errors
+        endpoint.send([b"#%07d" % 20_000], 0)
+        assert endpoint.errors == before
+        began_s = time.perf_counter()
+    assert time.perf_counter() - began_s < 1.0
+    os.close(ours)
+    os.close(theirs)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]", "[::]", "::", "0.0.0.0"])
+def test_what_people_write_for_listening_listens(host: str) -> None:
+    port = free_port()
+    with opened(f"tcpin:{host}:{port}") as endpoint:
+        reached = "::1" if ":" in host and host != "0.0.0.0" else "127.0.0.1"
+        with socket.create_connection((reached, port), timeout=5):
+            endpoint.receive(0)
+            assert endpoint.errors == 0
+
+
+def test_a_broadcast_address_may_be_sent_to() -> None:
+    with opened("udp:127.255.255.255:14555") as endpoint:
+        endpoint.send(FRAMES, 0)
+        assert (endpoint.errors, endpoint.sent_bytes) == (0, sum(map(len, FRAMES)))
+
+
+def test_a_name_with_both_addresses_is_reached_where_receivers_listen(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = [(socket.AF_INET6, 2, 17, "", ("::1", 5, 0, 0)), (socket.AF_INET, 2, 17, "", ("127.0.0.1", 5))]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: both)
+    with opened("udp:localhost:5") as endpoint:
+        assert endpoint._address == ("127.0.0.1", 5)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("url", "remedy"),
+    [
+        ("udp://127.0.0.1:14550", "write udp:127.0.0.1:14550"),
+        ("udpout:127.0.0.1:14550", "write udp:127.0.0.1:14550"),
+        ("udpin:0.0.0.0:14550", "a receiver's address"),
+        ("tcp://host:5760", "write tcp:host:5760"),
+    ],
+)
+def test_what_other_programs_call_an_endpoint_is_translated(url: str, remedy: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        open_endpoint(url)
+    assert remedy in refused.value.action

@@ -1,8 +1,10 @@
 """What receivers need: true fields, ids, heights; ends that are said; commands obeyed only when allowed."""
 
 import math
+import struct
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +17,10 @@ from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.core.outgoing import OutgoingTarget, TargetExport
 from calib.station.outputs.mavlink import messages as mavlink
 from calib.station.outputs.mavlink.codec import TICKS_PER_S, Codec, Streams, read_key, ticks
-from calib.station.outputs.mavlink.messages import MavlinkContext, TrackerStatus
+from calib.station.outputs.mavlink.identity import Clashes, identity_of
+from calib.station.outputs.mavlink.messages import ANY_STATION, MavlinkContext, TrackerStatus
 from calib.station.outputs.mavlink.port import MavlinkPort
+from calib.station.outputs.mavlink.timesync import target_of
 from calib.tracking.targets import TargetEstimate, TargetState
 from edge.common.errors import ConfigError
 
@@ -195,12 +199,22 @@ def test_texts_are_limited() -> None:
 # Commands
 
 
-def command(number: int, key: bytes | None = None, system: int = 255, target_system: int = 1, **params: float) -> bytes:
+CALIBRATE = mavlink.dialect.MAV_CMD_SKYFIX_CALIBRATE
+
+
+def command(
+    number: int,
+    key: bytes | None = None,
+    system: int = 255,
+    target_system: int = 1,
+    component: int = 25,
+    **params: float,
+) -> bytes:
     """A COMMAND_LONG from a ground station."""
     codec = Codec(system, 190, key, link_id=3)
     codec.refresh(time.time())
     values = [params.get(f"p{k}", 0.0) for k in range(1, 8)]
-    return codec.encoded(common.MAVLink_command_long_message(target_system, 25, number, 0, *values))
+    return codec.encoded(common.MAVLink_command_long_message(target_system, component, number, 0, *values))
 
 
 def answer(one: MavlinkPort, data: bytes, can: bool = True) -> list[common.MAVLink_message]:
@@ -208,14 +222,14 @@ def answer(one: MavlinkPort, data: bytes, can: bool = True) -> list[common.MAVLi
 
 
 def test_a_stranger_s_command_is_denied_but_answered() -> None:
-    (ack,) = answer(port(), command(241))
+    (ack,) = answer(port(), command(CALIBRATE))
     assert (ack.get_type(), ack.result, ack.target_system) == ("COMMAND_ACK", common.MAV_RESULT_DENIED, 255)
 
 
 def test_a_listed_system_may_calibrate_and_hears_the_end() -> None:
     one = port(commands_from=[255])
-    assert [m.result for m in answer(one, command(241))] == [common.MAV_RESULT_IN_PROGRESS]
-    assert [m.result for m in answer(one, command(241))] == [common.MAV_RESULT_TEMPORARILY_REJECTED]
+    assert [m.result for m in answer(one, command(CALIBRATE))] == [common.MAV_RESULT_IN_PROGRESS]
+    assert [m.result for m in answer(one, command(CALIBRATE))] == [common.MAV_RESULT_TEMPORARILY_REJECTED]
     assert [m.result for m in decoded(one.finished(True))] == [common.MAV_RESULT_ACCEPTED]
     assert one.finished(True) == []
 
@@ -229,17 +243,17 @@ def test_a_listed_system_may_set_rates_within_reason() -> None:
 
 
 @pytest.mark.parametrize("absurd", [float("nan"), float("inf"), float("-inf"), 3e38])
-@pytest.mark.parametrize("number", [241, 400, 511, 512])
+@pytest.mark.parametrize("number", [CALIBRATE, 241, 400, 511, 512])
 def test_a_parameter_that_is_no_number_is_refused_and_ends_nothing(number: int, absurd: float) -> None:
     one = port(commands_from=[255])
     (ack,) = answer(one, command(number, **{f"p{k}": absurd for k in range(1, 8)}))
-    assert ack.result == (common.MAV_RESULT_IN_PROGRESS if number == 241 else common.MAV_RESULT_UNSUPPORTED)
+    assert ack.result == (common.MAV_RESULT_IN_PROGRESS if number == CALIBRATE else common.MAV_RESULT_UNSUPPORTED)
     (ack,) = answer(one, command(511, p1=45000, p2=absurd))
     assert ack.result == common.MAV_RESULT_DENIED
 
 
 def test_commands_for_somebody_else_are_not_ours_to_answer() -> None:
-    assert answer(port(commands_from=[255]), command(241, target_system=42)) == []
+    assert answer(port(commands_from=[255]), command(CALIBRATE, target_system=42)) == []
 
 
 def test_timesync_is_echoed() -> None:
@@ -248,14 +262,131 @@ def test_timesync_is_echoed() -> None:
     assert (reply.tc1, reply.ts1) == (1_800_000_000 * NS, 777)
 
 
+EVERY_COMMAND = sorted(common.enums["MAV_CMD"])[:-1]  # without the end marker
+
+
+@pytest.mark.parametrize("listed", [[], [255]])
+def test_what_is_addressed_to_all_and_not_ours_is_the_autopilots_to_answer(listed: list[int]) -> None:
+    one, asked = port(commands_from=listed), []
+    for number in EVERY_COMMAND:
+        for system in (1, 0):
+            data = command(number, target_system=system, component=0, p1=1)
+            assert decoded(one.receive(data, 0, lambda what: bool(asked.append(what)))) == []
+    assert asked == []
+    assert one.counters["commands_refused"] == 0
+
+
+def test_our_own_command_is_answered_though_it_is_addressed_to_all() -> None:
+    (ack,) = answer(port(commands_from=[255]), command(CALIBRATE, component=0))
+    assert ack.result == common.MAV_RESULT_IN_PROGRESS
+
+
+def test_a_sensors_calibration_starts_nothing_here() -> None:
+    one = port(commands_from=[255])
+    for k in range(1, 8):
+        (ack,) = answer(one, command(241, **{f"p{k}": 1.0}))
+        assert ack.result == common.MAV_RESULT_UNSUPPORTED
+    assert one.counters["commands_unsupported"] == 7
+
+
+def test_what_ground_stations_ask_on_connecting_gets_what_a_component_that_is_no_autopilot_says() -> None:
+    """QGroundControl's sequence: parameters, mission, versions, camera, component information; then silence or no."""
+    one, gcs = port(), Codec(255, 190)
+    for target in ((1, 0), (1, 1), (1, 25), (1, 156)):
+        for message in (
+            common.MAVLink_param_request_list_message(*target),
+            common.MAVLink_mission_request_list_message(*target, 0),
+            common.MAVLink_mission_request_list_message(*target, 2),
+            common.MAVLink_request_data_stream_message(*target, 0, 4, 1),
+        ):
+            assert one.receive(gcs.encoded(message), 0, lambda _: True) == []
+    for number, asked in ((512, 148), (512, 259), (512, 395), (512, 397), (520, 1), (521, 1), (519, 1)):
+        for component in (0, 1, 100):
+            assert answer(one, command(number, component=component, p1=asked)) == []
+        assert [m.get_type() for m in answer(one, command(number, p1=asked))] == ["COMMAND_ACK"]
+
+
+def test_each_peer_has_its_own_parser() -> None:
+    one, frame = port(commands_from=[255]), command(511, p1=45000, p2=100_000)
+    for cut in range(1, len(frame), 3):
+        one.receive(b"\xfd\xff", 0, lambda _: True, peer=9)  # begins a frame, and is silent
+        assert one.receive(frame[:cut], 0, lambda _: True, peer=1) == []
+        assert [m.get_type() for m in decoded(one.receive(frame, 0, lambda _: True, peer=2))] == ["COMMAND_ACK"]
+        assert [m.get_type() for m in decoded(one.receive(frame[cut:], 0, lambda _: True, peer=1))] == ["COMMAND_ACK"]
+
+
+def timesync(ts1: int, *target: int) -> bytes:
+    """A request as today's common.xml has it, for a target if there is one."""
+    codec = Codec(255, 190)
+    request = common.MAVLink_timesync_message(0, ts1)
+    payload = struct.pack("<qq", 0, ts1) + bytes(target)
+    return bytes(request._pack(codec, request.crc_extra, payload))
+
+
+@pytest.mark.parametrize(("target", "answered"), [
+    ((), True), ((0, 0), True), ((1, 156), True), ((1, 1), False), ((7, 1), False), ((1, 0), False), ((7, 156), False),
+])  # fmt: skip
+def test_timesync_is_answered_for_ourselves_only_and_says_to_whom(target: tuple[int, ...], answered: bool) -> None:
+    frames = port().receive(timesync(123_456_789, *target), 1_800_000_000 * NS, lambda _: True)
+    assert len(frames) == answered
+    for message in decoded(frames):
+        assert (message.tc1, message.ts1) == (1_800_000_000 * NS, 123_456_789)
+        assert target_of(bytes(message.get_msgbuf())) == (255, 190)
+
+
+def test_system_time_is_never_that_of_the_data() -> None:
+    for now_unix_ns in (0, 1_790_000_000 * NS):
+        messages = decoded(port().second(STATUS, faulted=False, now_unix_ns=now_unix_ns))
+        told = {m.time_unix_usec for m in messages if m.get_type() == "SYSTEM_TIME"}
+        assert told == {now_unix_ns // 1000}
+
+
+# Identity
+
+
+def test_two_stations_differ_by_default_and_a_configured_identity_is_taken(tmp_path: Path) -> None:
+    drawn: list[set[int]] = []
+    calls: list[bytes] = []
+    for k in range(20):
+        own = identity_of(MavlinkSection(), "field", tmp_path / str(k))
+        assert own == identity_of(MavlinkSection(), "field", tmp_path / str(k))
+        drawn.append({mavlink.icao(track, own) for track in range(1, 300)})
+        calls.append(mavlink.callsign(7, own))
+        assert all(1 <= address <= 0x3FFF for address in drawn[-1])
+        assert len(calls[-1]) == 9
+    assert len(set(calls)) == 20
+    assert len({min(addresses) for addresses in drawn}) > 10
+    chosen = MavlinkSection(gcs_component=60, ecef_component=61, icao_first=512, callsign="N7")
+    own = identity_of(chosen, "field", tmp_path)
+    assert (own.component_gcs, own.component_ecef, mavlink.icao(1, own)) == (60, 61, 512)
+    assert mavlink.callsign(1, own) == b"N7000001\0"
+
+
+def test_another_station_under_our_name_is_said_and_our_own_echo_is_not() -> None:
+    clashes = Clashes(1, ANY_STATION)
+    endpoint = EndpointSection(url="udp:127.0.0.1:1", profile=["gcs"])
+    one = MavlinkPort(endpoint, MavlinkSection(system_id=1), CONTEXT, None, clashes=clashes)
+    other = MavlinkPort(endpoint, MavlinkSection(system_id=1), CONTEXT, None)
+    own = one.second(STATUS, faulted=False) + one.targets([target()], 0, True)
+    clashes.sent(own)
+    one.receive(b"".join(own), 0, lambda _: True)
+    assert clashes.found == {}
+    for frame in (
+        other.second(replace(STATUS, uptime_ms=77), faulted=False) + other.targets([target(age_s=2.0)], 0, True)[:1]
+    ):
+        one.receive(frame, 0, lambda _: True)
+    assert any("1/156" in what for what in clashes.found)
+    assert any("addresses" in what for what in clashes.found)
+
+
 # Signing
 
 
 def test_with_a_key_only_signed_commands_count_and_an_allow_list_does_not_help() -> None:
     one = port(key=KEY, commands_from=[255])
-    assert [m.result for m in answer(one, command(241))] == [common.MAV_RESULT_DENIED]
-    assert [m.result for m in answer(one, command(241, key=bytes(32)))] == [common.MAV_RESULT_DENIED]
-    assert [m.result for m in answer(one, command(241, key=KEY))] == [common.MAV_RESULT_IN_PROGRESS]
+    assert [m.result for m in answer(one, command(CALIBRATE))] == [common.MAV_RESULT_DENIED]
+    assert [m.result for m in answer(one, command(CALIBRATE, key=bytes(32)))] == [common.MAV_RESULT_DENIED]
+    assert [m.result for m in answer(one, command(CALIBRATE, key=KEY))] == [common.MAV_RESULT_IN_PROGRESS]
 
 
 def test_a_replayed_command_is_not_obeyed_twice() -> None:
