@@ -45,6 +45,11 @@ class NetworkCheck:
     rest_p_value: float | None = None
 
     def __str__(self) -> str:
+        if self.freedom == 0:
+            return (
+                "not tested: the cameras know nothing of the survey's shape but what the survey has told them "
+                "(too few of them, or lenses left free)"
+            )
         figures = f"(chi-square {self.statistic:.1f} of {self.freedom})"
         if self.passed:
             return f"survey and cameras agree {figures}"

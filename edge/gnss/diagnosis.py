@@ -37,7 +37,10 @@ class ReceiverState(StrEnum):
 
 @dataclass(frozen=True)
 class ReceiverStatus:
-    """How the receiver is: state, its weight, why, and what to do. counters only grow."""
+    """How the receiver is: state, its weight, why, and what to do. counters only grow.
+
+    mends: whether waiting may help; what a setting has to mend does not mend itself.
+    """
 
     state: ReceiverState
     level: Level
@@ -45,7 +48,11 @@ class ReceiverStatus:
     action: str = ""
     counters: dict[str, int] = field(default_factory=dict)
     host_minus_gnss_s: float | None = None
+    mends: bool = True
 
+
+# Refusals that stay until somebody changes a setting.
+OF_SETTINGS: Final = frozenset({Reason.AGE_UNKNOWN, Reason.RESOLUTION, Reason.SEPARATION, Reason.GEOID, Reason.DATE})
 
 Finding = tuple[ReceiverState, Level, str, str]
 
@@ -79,7 +86,9 @@ def diagnose(session: StaticSession, surveyed: Surveyed | None, watch: Watch, no
         or _of_epochs(session, watch, now_s)
         or _of_mean(session, surveyed, watch)
     )
-    return ReceiverStatus(state, level, reason, action, counters(session), watch.host_minus_gnss_s)
+    refusal = session.last_refusal
+    mends = state is not ReceiverState.NO_FIX or refusal is None or refusal.reason not in OF_SETTINGS
+    return ReceiverStatus(state, level, reason, action, counters(session), watch.host_minus_gnss_s, mends)
 
 
 def _of_line(session: StaticSession, watch: Watch, now_s: float) -> Finding | None:

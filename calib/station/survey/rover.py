@@ -43,7 +43,7 @@ def occupy(
             return occupation_of(surveyed, antenna, unix_ns())
         if surveyed and surveyed.mean.fault and not surveyed.mean.young:
             raise _refused(surveyed.mean.fault, "keep the antenna still, re-initialise the receiver, occupy again")
-        if status.state in HOPELESS:
+        if status.state in HOPELESS or not status.mends:
             raise _refused(status.reason, status.action)
     raise _refused(receiver.status().reason, receiver.status().action)
 

@@ -19,6 +19,7 @@ class Rover:
     def __init__(self) -> None:
         self.offset_m: Array = np.zeros(3)
         self.quality = 4
+        self.said: dict[str, str] = {}
         self._receiver = SerialReceiver(self._say, period_s=STEP_S, step_s=1.0)
         self._receiver.plug()
         self.device = self._receiver.device
@@ -38,4 +39,4 @@ class Rover:
         self._receiver.unplug()
 
     def _say(self, t: dt.datetime) -> bytes:
-        return gga(t, PLACE, self.offset_m, quality=self.quality)
+        return gga(t, PLACE, self.offset_m, quality=self.quality, **self.said)  # type: ignore[arg-type]

@@ -217,3 +217,26 @@ def test_a_round_that_does_not_close_stays_with_its_points_until_they_are_settle
     after = load_survey(file)
     assert after.closure == ()
     assert all(table.position_sigma and table.position_sigma[0] < 0.03 for table in after.camera)
+
+
+@pytest.mark.parametrize(
+    ("said", "setting", "named"),
+    [
+        ({"separation": "0.0"}, "--separation", "EGM96"),
+        ({"separation": f"{-PLACE.separation_m}"}, "--separation", "wrong sign"),
+        ({"separation": ""}, "--separation", "missing"),
+        ({"age": ""}, "--accept-unknown-age", "age of corrections unknown"),
+    ],
+)
+def test_what_a_setting_has_to_mend_is_said_soon_and_the_setting_mends_it(
+    rover: Rover, call: Callable[..., int], file: Path, *, said: dict[str, str], setting: str, named: str
+) -> None:
+    rover.said = said
+    once = ("occupy", "cam1", "--device", rover.device, "--seconds", "20", "--once", "--yes", *ANTENNA)
+    with pytest.raises(CalibrationError, match=named):
+        call(*once)
+    assert not file.exists()
+    assert call(*once, setting, *((PLACE.separation_m,) if setting == "--separation" else ())) == 0
+    (table,) = load_survey(file).camera
+    assert table.position is not None
+    assert table.position[2] == pytest.approx(PLACE.altitude_m + PLACE.separation_m - 0.2, abs=2e-3)
