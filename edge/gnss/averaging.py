@@ -30,6 +30,7 @@ CLIP_MADS: Final = 3.0  # with the next line the usual three-sigma clip
 MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
 LONG_SEGMENT_S: Final = 30.0  # a shorter one is too uncertain to accuse another of being wrong
 SEGMENTS_APART_H_M, SEGMENTS_APART_V_M = 0.03, 0.05  # above it one of two fixes between floats is false
+NOW_APART_SIGMAS: Final = 6.0  # of the fast error: what comes now has to be this far away to be told before it is long
 DRIFT_SIGMAS: Final = 5.0  # a fixed solution wanders by no more than five sigma of its model
 DRIFT_BLOCK_S: Final = 3.0  # medians of so long are compared, so that single epochs do not alarm
 MAX_STEP_NOISE_M: Final = (0.02, 0.02, 0.03)  # more noise than this between epochs is no fixed solution
@@ -109,7 +110,7 @@ def average(
     step_m: the coordinates' resolution, horizontal and vertical. Source: TSA, "Guidance notes for GNSS network RTK
     surveying" (2012), for windows and intervals.
     """
-    agreeing, fault = _agreeing_segments(t_s, enu_m, segment)
+    agreeing, fault = _agreeing_segments(t_s, enu_m, segment, service)
     keep = agreeing & _within_mads(enu_m, agreeing)
     keep = keep if keep.any() else agreeing
     mean = enu_m[keep].mean(axis=0)
@@ -124,7 +125,7 @@ def average(
     fault = drift.fault if drift else fault
     young = not fault and (keep.sum() < MIN_SAMPLES or observed_s < MIN_DURATION_S)
     if young:
-        fault = f"only {int(keep.sum())} epochs in {observed_s:.1f} s so far"
+        fault = f"only {int(keep.sum())} epochs in {observed_s:.1f} s so far, of {MIN_DURATION_S:.0f} s"
     return StaticMean(
         mean_m=mean,
         sigma_m=sigma,
@@ -150,8 +151,14 @@ def _duration_s(t_s: Array, segment: NDArray[np.int64]) -> float:
     return float(np.diff(t_s)[inside].sum())
 
 
-def _agreeing_segments(t_s: Array, enu_m: Array, segment: NDArray[np.int64]) -> tuple[NDArray[np.bool_], str]:
-    """Which epochs belong to segments that agree with the longest, and a fault if a long one does not."""
+def _agreeing_segments(
+    t_s: Array, enu_m: Array, segment: NDArray[np.int64], service: Service
+) -> tuple[NDArray[np.bool_], str]:
+    """Which epochs belong to segments that agree with the longest, and a fault if a long one does not.
+
+    Of a short one too, while it is what comes now and farther away than a fixed solution wanders.
+    """
+    wander_h_m, wander_v_m = NOW_APART_SIGMAS * service.sigma_m[0], NOW_APART_SIGMAS * service.sigma_m[2]
     numbers = np.unique(segment)
     medians = {n: np.median(enu_m[segment == n], axis=0) for n in numbers}
     lengths = {n: float(np.ptp(t_s[segment == n])) for n in numbers}
@@ -163,7 +170,8 @@ def _agreeing_segments(t_s: Array, enu_m: Array, segment: NDArray[np.int64]) -> 
         if math.hypot(east, north) <= SEGMENTS_APART_H_M and abs(up) <= SEGMENTS_APART_V_M:
             continue
         agreeing[segment == n] = False
-        if lengths[n] >= LONG_SEGMENT_S:
+        now_elsewhere = n == segment[-1] and (math.hypot(east, north) > wander_h_m or abs(up) > wander_v_m)
+        if lengths[n] >= LONG_SEGMENT_S or now_elsewhere:
             fault = (
                 f"after an interruption it was {math.hypot(east, north):.3f} m away, {up:+.3f} m up: "
                 "one of the two fixes is false, or the tripod was moved"

@@ -139,8 +139,8 @@ def _of_mean(session: StaticSession, surveyed: Surveyed | None, watch: Watch) ->
         action = "break the corrections or cover the antenna, let it fix again, and do not move it"
         return ReceiverState.DOUBTED, "fail", mean.fault, action
     sigma_mm = math.hypot(*mean.sigma_m[:2]) * 1000
-    worth = f"{mean.samples} epochs, {sigma_mm:.0f} mm horizontal, {mean.sigma_m[2] * 1000:.0f} mm vertical"
-    worth = f"{worth}; {session.sky}"
+    size = f"{sigma_mm:.0f} mm horizontal, {mean.sigma_m[2] * 1000:.0f} mm vertical"
+    worth = f"{mean.samples} epochs in {mean.duration_s:.0f} s, {size}; {session.sky}"
     if watch.host_minus_gnss_s is not None and abs(watch.host_minus_gnss_s) > MAX_CLOCK_APART_S:
         reason, action = _of_clocks(watch.host_minus_gnss_s, watch.oldest_possible_s)
         return ReceiverState.AVERAGING, "warn", f"{reason}; {worth}", action

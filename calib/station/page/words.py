@@ -116,6 +116,7 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
     facts = {
         "last frame": "never" if camera.last_frame_s is None else f"{camera.last_frame_s:.1f} s ago",
         "clock": items.get("clock") or _bound(camera.clock_bound_s),
+        "receiver": items.get("gnss", "none"),
         "version": "unknown" if health is None or not health.version else health.version,
         "objects a frame": f"{camera.detections_per_frame:.1f}",
         "frames lost": f"{camera.missed}",

@@ -1,0 +1,225 @@
+"""A day of receivers that are carried, switched and set wrongly: is a wrong position ever claimed at too small a sigma?
+
+`python -m tools.bench.gnss_day --hours 24`: in virtual time, an hour a receiver, one epoch a second with the correlated
+error of real network RTK. Each hour has one kind of trouble at an instant of its own. Every three seconds what the box
+claims (which `survey boxes` stores) and what the base uses of it are held against the truth: an error beyond four of
+the 3-D sigma claimed is a wrong position. The program is seeded; --seed makes another day.
+"""
+
+import argparse
+import datetime as dt
+import itertools
+import math
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from calib.station.core.intake import Intake
+from calib.station.core.positions import lens_position
+from edge.common.arrays import Array
+from edge.common.units import NS
+from edge.config import GnssConfig
+from edge.gnss.diagnosis import Watch
+from edge.gnss.gates import metres_per_degree
+from edge.gnss.receiver import Receiver
+from edge.messages import Fix, encode
+from tools.doubles.receiver import Place, gga, rmc, rtk_error
+
+HOUR_S: Final = 3600
+PLACE: Final = Place()
+START: Final = dt.datetime(2026, 6, 1, 6, tzinfo=dt.UTC)
+LOOK_S: Final = 3  # between two looks at what is claimed
+WRONG_SIGMAS: Final = 4.0
+CAMERA: Final = "cam0"
+
+
+@dataclass
+class Hour:
+    """What one receiver goes through, second by second: (N, 3) where it is, what is added to it, (N,) its quality."""
+
+    truth_m: Array
+    added_m: Array
+    quality: Array
+    separation: str | None = None
+    unplugged: set[int] = field(default_factory=set)
+
+
+def _still() -> Hour:
+    return Hour(np.zeros((HOUR_S, 3)), np.zeros((HOUR_S, 3)), np.full(HOUR_S, 4))
+
+
+def _away(rng: np.random.Generator, least_m: float, most_m: float) -> Array:
+    bearing, distance_m = rng.uniform(0, 2 * math.pi), math.exp(rng.uniform(math.log(least_m), math.log(most_m)))
+    return np.array([distance_m * math.sin(bearing), distance_m * math.cos(bearing), rng.normal(0, 0.3 * distance_m)])
+
+
+def _switched(rng: np.random.Generator, at: int) -> Hour:
+    hour = _still()
+    hour.added_m[at:] = _away(rng, 0.15, 5.0)
+    return hour
+
+
+def _switched_through_float(rng: np.random.Generator, at: int) -> Hour:
+    hour = _switched(rng, at)
+    hour.quality[at - int(rng.integers(3, 60)) : at] = 5
+    return hour
+
+
+def _switched_and_back(rng: np.random.Generator, at: int) -> Hour:
+    hour = _switched(rng, at)
+    hour.added_m[at + int(rng.integers(5, 900)) :] = 0.0
+    return hour
+
+
+def _carried(rng: np.random.Generator, at: int) -> Hour:
+    hour, to_m = _still(), _away(rng, 3.0, 80.0)
+    seconds = max(6, int(np.linalg.norm(to_m) / rng.uniform(0.4, 1.5)))
+    hour.truth_m[at : at + seconds] = np.linspace(0, 1, seconds)[:, None] * to_m
+    hour.truth_m[at + seconds :] = to_m
+    return hour
+
+
+def _carried_in_float(rng: np.random.Generator, at: int) -> Hour:
+    hour = _carried(rng, at)
+    moving = np.flatnonzero(np.any(np.diff(hour.truth_m, axis=0), axis=1))
+    hour.quality[moving[0] - 3 : moving[-1] + 5] = 5
+    return hour
+
+
+def _carried_unplugged(rng: np.random.Generator, at: int) -> Hour:
+    hour = _carried(rng, at)
+    moving = np.flatnonzero(np.any(np.diff(hour.truth_m, axis=0), axis=1))
+    hour.unplugged = set(range(int(moving[0]) - 3, int(moving[-1]) + 5))
+    return hour
+
+
+def _false_fix(rng: np.random.Generator, at: int) -> Hour:
+    hour = _still()
+    hour.quality[at - 20 : at] = 5
+    hour.added_m[at : at + int(rng.integers(10, 1200))] = _away(rng, 0.15, 0.6)
+    return hour
+
+
+def _pushed(rng: np.random.Generator, at: int) -> Hour:
+    hour = _still()
+    hour.truth_m[at:] = _away(rng, 0.15, 0.5)
+    return hour
+
+
+def _separation(text: str) -> Callable[[np.random.Generator, int], Hour]:
+    def hour(_: np.random.Generator, __: int) -> Hour:
+        made = _still()
+        made.separation = text
+        return made
+
+    return hour
+
+
+KINDS: Final[dict[str, Callable[[np.random.Generator, int], Hour]]] = {
+    "base switched": _switched,
+    "base switched through float": _switched_through_float,
+    "base switched and back": _switched_and_back,
+    "carried, fixed": _carried,
+    "carried in float": _carried_in_float,
+    "carried unplugged": _carried_unplugged,
+    "false fix": _false_fix,
+    "pushed": _pushed,
+    "separation 0": _separation("0.0"),
+    "separation of the wrong sign": _separation(f"{-PLACE.separation_m}"),
+    "quiet": lambda rng, at: _still(),
+}
+
+
+class Witness:
+    """The receiver's box and its base, in virtual time."""
+
+    def __init__(self) -> None:
+        self._second = 0.0
+        config = GnssConfig(device="/dev/null/none", lever_arm_m=(0.0, 0.0, 0.0))
+        self._receiver = Receiver(config, monotonic_s=lambda: self._second, unix_ns=self._unix_ns)
+        self._watch = Watch(0.0, 115200, 0)
+        self.base = Intake([CAMERA])
+
+    def _unix_ns(self) -> int:
+        return int(START.timestamp()) * NS + round(self._second * NS)
+
+    def hear(self, second: int, data: bytes) -> Fix | None:
+        """One second; what the box says."""
+        self._second = float(second)
+        self._receiver._take(data, self._watch)
+        said = self._receiver.said()
+        if said is not None:
+            self.base.fix(self.base.cameras[CAMERA], encode(said), second * NS)
+        return said
+
+    def unplug(self) -> None:
+        """The port is lost, as the receiver's thread has it."""
+        self._receiver._session.interrupt(self._second)
+        self._receiver._session.restart()
+        self._receiver._kept.forget()
+
+
+def error_sigmas(fix: Fix, truth_m: Array) -> float:
+    """3-D error of a position as the base uses it, in its 3-D sigma."""
+    (lat_deg, lon_deg, height_m), sigma_m = lens_position(fix)
+    per_lon_m, per_lat_m = metres_per_degree(PLACE.lat_deg)
+    off = (
+        (lon_deg - PLACE.lon_deg) * per_lon_m - truth_m[0],
+        (lat_deg - PLACE.lat_deg) * per_lat_m - truth_m[1],
+        height_m - PLACE.altitude_m - PLACE.separation_m - truth_m[2],
+    )
+    return math.hypot(*off) / math.hypot(*sigma_m)
+
+
+def tried(hour: Hour, rng: np.random.Generator) -> tuple[Counter[str], float]:
+    """Seconds by what was claimed in them, and the largest error in sigmas."""
+    witness, seconds, worst = Witness(), Counter[str](), 0.0
+    noise_m = rtk_error(np.arange(float(HOUR_S)), rng)
+    heard = b""
+    for second in range(HOUR_S):
+        if second in hour.unplugged:
+            witness.unplug()
+            heard = b""
+            continue
+        t = START + dt.timedelta(seconds=second)
+        offset_m = hour.truth_m[second] + hour.added_m[second] + noise_m[second]
+        heard += gga(t, PLACE, offset_m, quality=int(hour.quality[second]), separation=hour.separation) + rmc(t)
+        if second % LOOK_S:
+            continue
+        said, heard = witness.hear(second, heard), b""
+        used = witness.base.cameras[CAMERA].fix
+        seconds[said.standing if said is not None else "nothing said"] += LOOK_S
+        # What nobody confirms any more is not stood by; a moving antenna has no position.
+        if said is None or said.standing != "held":
+            continue
+        claims = {"stored": said} | ({"used": used} if used is not None else {})
+        for name, fix in claims.items():
+            off = error_sigmas(fix, hour.truth_m[second])
+            worst = max(worst, off)
+            seconds[f"{name} wrong"] += LOOK_S * (off > WRONG_SIGMAS)
+    return seconds, worst
+
+
+def main() -> None:
+    """Print a line an hour, and the sum; 1 if a wrong position was claimed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hours", type=int, default=24)
+    parser.add_argument("--seed", type=int, default=19)
+    arguments = parser.parse_args()
+    rng, total = np.random.default_rng(arguments.seed), Counter[str]()
+    for hour, kind in zip(range(arguments.hours), itertools.cycle(KINDS), strict=False):
+        at = int(rng.integers(400, 2400))
+        seconds, worst = tried(KINDS[kind](rng, at), rng)
+        total += seconds
+        print(f"{hour:3} {kind:30} at {at:4} s: {dict(seconds)}, at most {worst:.1f} sigma off", flush=True)
+    wrong = total["stored wrong"] + total["used wrong"]
+    print(f"seed {arguments.seed}, {arguments.hours} h: {dict(total)}; wrong positions claimed in {wrong} seconds")
+    sys.exit(int(wrong > 0))
+
+
+if __name__ == "__main__":
+    main()
