@@ -42,6 +42,9 @@ PASSES: Final = 3  # of looking for strays: beside a large one a small one hides
 TYPICAL_OF: Final = 41  # rows: what is usual there, for a turn bends a track more than a straight line does
 STRAYS: Final = 6.0  # times what is usual
 STRAY_RAY: Final = 2e-3  # and that in ray units, which a smooth track is good for at any rate
+# In INDEPENDENT_S. An object that stands still fits every epipolar geometry for as long as it stands; counted as rows
+# that agree, a hovering drone put clocks a minute off that were good to milliseconds.
+STILL_RAY: Final = 2e-3
 LONGEST_PAIRS: Final = 6  # combinations of two cameras' longest tracks that are tried where whole chains do not fit
 FINE_STEPS_S: Final = (0.1, 0.05, 0.02, 0.01)  # of the last search; the adjustment takes over from there
 FINE_STEP_S: Final = FINE_STEPS_S[-1]
@@ -160,7 +163,18 @@ def _off_line(track: TrackSeries) -> Array:
     return np.pad(np.where(close, off, 0.0), 1)
 
 
+def moving(track: TrackSeries) -> TrackSeries:
+    """A track without the rows beside which its object stands still."""
+    t_s, last = track.t_s, len(track.t_s) - 1
+    before = np.searchsorted(t_s, t_s - INDEPENDENT_S / 2)
+    after = np.minimum(np.searchsorted(t_s, t_s + INDEPENDENT_S / 2), last)
+    return track.rows(np.linalg.norm(track.rays[after] - track.rays[before], axis=1) > STILL_RAY)
+
+
 def _align_tracks(one: TrackSeries, two: TrackSeries, near_s: float, rates: tuple[float, ...]) -> Alignment:
+    one, two = moving(one), moving(two)
+    if min(len(one.t_s), len(two.t_s)) < 2 * SHORTEST_TRACK:
+        return Alignment((), None, convincing=False)
     pair = _Pair(one, two)
     found = pair.scan(0.0, near_s)
     if not _stand_out(found, near_s):

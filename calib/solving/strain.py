@@ -155,12 +155,20 @@ class Weighing:
         """How probable it is that priors of this covariance (K', K') are right, and how probable each doubt beside
         it, given what was seen: 1 together. Raises UndeterminedError where an adjustment ran off beyond all numbers.
         """
-        if not (np.isfinite(self.seen.information).all() and np.isfinite(self.seen.pull).all()):
+        with np.errstate(over="ignore", invalid="ignore"):
+            support = self._support(covariance)
+        if not np.isfinite(support).all():
             raise UndeterminedError(
                 "the adjustment ran off to where nothing is determined",
                 where="adjustment",
                 action="stand the cameras farther apart, or fly nearer to them",
             )
+        probability = np.exp(support - support.max())
+        nothing, *each = (probability / probability.sum()).tolist()
+        return nothing, dict(zip(self._parts, each, strict=True))
+
+    def _support(self, covariance: Array) -> Array:
+        """(1 + D,) log of how well each explains what was seen, that all is as claimed first, up to a constant."""
         pictures = len(self.seen.scale) - len(covariance)
         tested = self.seen.against(block_diag(covariance, SITES[0][0] ** 2 * np.eye(pictures)))
         sites = [_on_site(tested, askew_rad, pictures) for askew_rad, _ in SITES]
@@ -170,9 +178,7 @@ class Weighing:
         for which, parts in self._alike:
             gains = np.array([one.gains(np.pad(parts, ((0, 0), (0, pictures), (0, 0)))) for one in sites])
             support[1 + which] += np.logaddexp.reduce(as_claimed[:, None] + gains)
-        probability = np.exp(support - support.max())
-        nothing, *each = (probability / probability.sum()).tolist()
-        return nothing, dict(zip(self._parts, each, strict=True))
+        return support
 
     @cached_property
     def _alike(self) -> list[tuple[NDArray[np.int64], Array]]:
@@ -189,9 +195,9 @@ class Weighing:
         """
         as_claimed, probability = self.posterior(covariance)
         if as_claimed > UNSURE:
-            every = list(_of_any_size({one: p for one, p in probability.items() if self._is_blunder(one)}))
+            every = list(of_any_size({one: p for one, p in probability.items() if self._is_blunder(one)}))
             return most_probable_first(one for one in every if one.probability > BLUNDER_UNLIKELY)
-        every = list(_of_any_size(probability))
+        every = list(of_any_size(probability))
         return most_probable_first([one for one in every if one.probability > UNLIKELY] or every)
 
     def _is_blunder(self, doubt: Doubt) -> bool:
@@ -208,14 +214,16 @@ def _on_site(tested: PriorTest, askew_rad: float, pictures: int) -> PriorTest:
     return tested.widened(more_rad * np.eye(len(tested.frame))[:, len(tested.frame) - pictures :])
 
 
-def _of_any_size(probability: dict[Doubt, float]) -> Iterator[Believed]:
+def of_any_size(probability: dict[Doubt, float]) -> Iterator[Believed]:
     """One doubt for all the sizes of one: the largest that is not unlikely, as probable as all of them."""
     about: dict[object, dict[Doubt, float]] = {}
     for doubt, own in probability.items():
         about.setdefault(doubt.about, {})[doubt] = own
     for sizes in about.values():
         total = sum(sizes.values())
-        widest = max((d for d in sizes if sizes[d] >= LARGEST_SIZE * total), key=lambda d: d.room)
+        # Of two cameras a pair is all of them: thirty sizes, and where nothing tells them apart none has a twentieth.
+        least = min(LARGEST_SIZE * total, max(sizes.values()))
+        widest = max((d for d in sizes if sizes[d] >= least), key=lambda d: d.room)
         yield Believed(widest, total, max(sizes, key=lambda d: (round(sizes[d], 6), d.room)))
 
 

@@ -41,7 +41,7 @@ from tools.doubles.hazards.verdict import score
 from tools.paper.trials import ONE_THREAD
 
 LIMIT_S: Final = 60.0  # CPU seconds of one scene; a usual one takes two
-WORDS: Final = 90  # letters of a reason in the table
+MOST_RATIO: Final = 2.0  # squared error over squared sigma, that is asked of two cameras on a short base
 
 
 class _OverLimit(Exception):  # noqa: N818
@@ -226,6 +226,13 @@ def figures(got: list[Answer]) -> Iterator[tuple[str, str, str]]:
     sound = [answer for answer in solved if answer.healthy]
     yield "mean NEES/3 of healthy scenes, largest", "1", _nees(sound)
     yield "mean NEES/3 of all solved, largest", "-", _nees(solved)
+    if two := [(answer.rmse_m / answer.sigma_m) ** 2 for answer in solved if answer.kind == "two_cameras"]:
+        above, of = sum(ratio > MOST_RATIO for ratio in two), sum(answer.kind == "two_cameras" for answer in got)
+        yield (
+            "two cameras: squared error over squared sigma, largest",
+            f"<= {MOST_RATIO:g}",
+            f"{max(two):.2f}, {above} above, {len(two)} of {of} solved",
+        )
     yield (
         "CPU seconds a scene: mean, largest",
         "-",

@@ -116,3 +116,11 @@ def test_a_camera_that_filmed_something_else_has_no_clock_and_is_told_so() -> No
     assert found["cam2"].origin is Origin.UNKNOWN
     assert "no offset and no rate" in found["cam2"].tested
     assert all(own.origin is Origin.FOUND for name, own in found.items() if name != "cam2")
+
+
+@pytest.mark.parametrize(("kind", "seed", "number"), [("healthy_hovering", 6, 2), ("healthy_hovering_whole_px", 11, 0)])
+def test_an_object_that_hovers_contradicts_no_clock(kind: str, seed: int, number: int) -> None:
+    """A point fits every epipolar geometry for as long as it stands: a clock good to 5 ms was put 62 s off by it."""
+    scene = draw(kind, "choose", seed, number).simulated.scene
+    found = clocks_of(prepare(scene))
+    assert {own.origin for own in found.values()} == {Origin.STATED}

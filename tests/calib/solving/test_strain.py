@@ -28,6 +28,7 @@ from calib.solving.strain import (
     Believed,
     Weighing,
     most_probable_first,
+    of_any_size,
     strain,
     widening,
 )
@@ -304,3 +305,13 @@ def test_an_adjustment_that_ran_off_is_refused_and_not_weighed() -> None:
     nowhere = replace(seen, pull=np.full_like(seen.pull, np.nan))
     with pytest.raises(UndeterminedError, match="ran off"):
         Weighing(drawn.prior, nowhere).strain()
+
+
+def test_sizes_that_nothing_tells_apart_are_all_allowed_for() -> None:
+    """Of two cameras, a pair is all of them: as many sizes as a twentieth of the probability does not go into."""
+    sizes = {
+        Doubt(Claim.POSITION, ("cam0", "cam1"), size, 0.01): 0.01 for size in np.geomspace(0.1, 300.0, 40).tolist()
+    }
+    (found,) = of_any_size(sizes)
+    assert found.doubt.size == pytest.approx(300.0)
+    assert found.probability == pytest.approx(0.4)
