@@ -126,7 +126,12 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
     ] = ()
     workers: Annotated[int, Meta(ge=1, le=16, description="full_frame: frames worked on side by side")] = 2
     max_crops: Annotated[
-        int, Meta(ge=1, le=64, description="two_stage: crops a frame; tracks may take four times these")
+        int,
+        Meta(
+            ge=1,
+            le=64,
+            description="two_stage: crops a frame; tracks may take four times these, what waits as many again",
+        ),
     ] = 8
     scan_period_s: Annotated[SecondsOrNone, Meta(description="two_stage: between full scans; 0 for none")] = 1.0
 

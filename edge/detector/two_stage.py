@@ -23,8 +23,8 @@ from edge.detector.scan import Scanner
 from edge.detector.skyfix import StackDetector, StackNet
 from edge.detector.turns import Turns
 
+RESERVED_SHARE: Final = 3  # a third of max_crops stays for what is not followed yet; all of it when some wait
 FOLLOWED_TIMES: Final = 4  # times max_crops that tracks may take: a crop costs a millisecond, a lost track a target
-RESERVED_SHARE: Final = 3  # a third of max_crops stays for what is not followed yet
 
 
 class TwoStage(StackDetector):
@@ -37,7 +37,7 @@ class TwoStage(StackDetector):
         self._mask = mask
         self._motion = MotionDetector(None if mask is None else mask.raster)
         self._scanner = Scanner(net, config.score_min, config.scan_period_s, background=background)
-        self._turns = Turns()
+        self._turns, self._track_turns = Turns(), Turns()
         self._last_t_unix_ns = 0
         self._counts = {"detector_frames": 0.0, "detector_crops": 0.0, "detector_all_moving": 0.0}
 
@@ -58,13 +58,22 @@ class TwoStage(StackDetector):
         self._counts["detector_frames"] += 1
         self._counts["detector_crops"] += len(crops)
         self._counts["detector_all_moving"] += blobs.share > 0 and not len(blobs.strength)
-        return self._judge(frame, images, crops)
+        found = self._judge(frame, images, crops)
+        self._turns.find(found.centre_px, frame.t_unix_ns)
+        return found
 
     def _crops(self, frame: Picture, expected: Array, moving: Array) -> list[Crop]:
         """Where to look: at all that is followed, within reason, and at what else moves, in turns if it is too much."""
         limit = self._config.max_crops
-        crops, _ = add([], expected, frame.size_px, FOLLOWED_TIMES * limit)
-        room = max(limit, len(crops) + max(1, limit // RESERVED_SHARE))
+        crops, seen = add([], expected, frame.size_px, FOLLOWED_TIMES * limit)
+        if seen < len(
+            expected
+        ):  # more tracks than may be looked at: in turns, and their gate bridges the frames between
+            expected = self._track_turns.order(expected, frame.t_unix_ns)
+            crops, seen = add([], expected, frame.size_px, FOLLOWED_TIMES * limit)
+            self._track_turns.look(expected, seen, frame.t_unix_ns)
+        more = limit if self._turns.pressed(frame.t_unix_ns) else max(1, limit // RESERVED_SHARE)
+        room = max(limit, len(crops) + more)
         together, seen = add(crops, moving, frame.size_px, room)
         if seen == len(moving):
             self._turns.look(moving, seen, frame.t_unix_ns)

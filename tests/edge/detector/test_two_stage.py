@@ -7,9 +7,10 @@ import pytest
 
 from edge.capture.frame import Picture
 from edge.common.errors import ModelError
-from edge.config import DetectorConfig
+from edge.config import DetectorConfig, GateConfig
 from edge.detector.detections import Detections, Detector
 from edge.detector.opening import open_detector
+from edge.gate import make_gate
 from tests.edge.detector.onnx_models import constant_model
 from tests.edge.footage import flight, sky
 
@@ -80,6 +81,31 @@ def test_another_segment_starts_without_a_past(model: Path) -> None:
         one.detect(frame(k, sky(SIZE, [(50.0, 50.0)], rng)), NOWHERE)
     jumped = one.detect(frame(10, sky(SIZE, [(250.0, 180.0)], rng), segment=1), NOWHERE)
     assert len(jumped) == 0
+
+
+def test_thirty_objects_are_each_looked_at_within_half_a_second_and_followed(model: Path) -> None:
+    size, count, frames = (960, 540), 30, 50
+    rng = np.random.default_rng(18)
+    begin = np.column_stack([np.tile(np.arange(6) * 140.0 + 70, 5), np.repeat(np.arange(5) * 100.0 + 60, 6)])
+    speed = np.column_stack([rng.uniform(25, 70, count), rng.uniform(-15, 15, count)])
+    one, gate = detector(model, scan_period_s=0.0), make_gate(GateConfig(), size, 0.5)
+    grain, last, longest, followed = rng.normal(0, 1.5, (size[1], size[0])), np.full(count, 6), np.zeros(count), set()
+    dot = sky((17, 17), [(8.0, 8.0)], rng).astype(float) - 210.0
+    for k in range(frames):
+        places, image = np.rint(begin + speed * k / 30).astype(int), 210.0 + np.roll(grain, 37 * k)
+        for u, v in places:
+            image[v - 8 : v + 9, u - 8 : u + 9] += dot
+        now = frame(k, np.clip(image, 0, 255).astype(np.uint8))
+        found = one.detect(now, gate.expected(now.t_unix_ns))
+        near = np.hypot(*(found.centre_px[:, None] - places).T)  # (objects, found)
+        seen = near.min(axis=1, initial=99.0) < 4
+        longest, last[seen] = np.maximum(longest, k - last), k
+        for row in gate.step(now.t_unix_ns, found):
+            if row.t_unix_ns == now.t_unix_ns:
+                followed.add(int(np.hypot(*(places - (row.u_px, row.v_px)).T).argmin()))
+    assert longest.max() <= 15, longest
+    assert followed == set(range(count))
+    assert one.counters()["detector_late"] == 0
 
 
 def test_same_frames_give_the_same_bytes(model: Path) -> None:
