@@ -13,6 +13,7 @@ from edge.capture.address import shown
 from edge.capture.creation_time import creation_unix_s
 from edge.capture.folder import ImageFolder
 from edge.capture.frame import FrameSource, Image, Picture, Remark, TimeSource
+from edge.capture.genicam import GENICAM_SCHEME, GenicamCamera, aravis
 from edge.capture.live import RtspStream, open_rtsp
 from edge.capture.pacing import Realtime
 from edge.capture.v4l2 import V4l2Camera, V4l2Wish, open_v4l2
@@ -27,7 +28,7 @@ __all__ = ["FrameSource", "Image", "Picture", "TimeSource", "is_live", "is_lossl
 UNDATED_T_UNIX_NS: Final = 1_500_000_000 * 10**9
 UNDATED_BOUND_S: Final = None
 
-Kind = Literal["file", "v4l2", "rtsp", "folder"]
+Kind = Literal["file", "v4l2", "rtsp", "folder", "genicam"]
 
 cv2.setNumThreads(1)  # frames are worked on side by side, by threads of our own, and not within one
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_WARNING)  # what it warns of is ours to know
@@ -40,20 +41,22 @@ def kind_of(camera: CameraConfig) -> Kind:
         return source.kind
     if re.match(r"rtsps?://", source.path):
         return "rtsp"
+    if source.path.startswith(GENICAM_SCHEME):
+        return "genicam"
     if re.match(r"/dev/video\d+$|/dev/v4l/", source.path):
         return "v4l2"
     if "://" in source.path:
         raise ConfigError(
             f"source {shown(source.path)} is of no known kind",
             where=f"camera {camera.id}",
-            action='give an rtsp:// address, a file, a folder or /dev/videoN, or say source.kind = "rtsp"',
+            action='give rtsp://..., genicam://NAME, a file, a folder or /dev/videoN, or say source.kind = "rtsp"',
         )
     return "folder" if Path(source.path).is_dir() else "file"
 
 
 def is_live(camera: CameraConfig) -> bool:
     """Whether the source is a camera, to be opened again when it dies."""
-    return kind_of(camera) in ("v4l2", "rtsp")
+    return kind_of(camera) in ("v4l2", "rtsp", "genicam")
 
 
 def is_lossless(camera: CameraConfig) -> bool:
@@ -80,6 +83,19 @@ def open_source(
             colour=colour,
             fps=source.fps,
             remarks=remarks,
+            stamp_of=source.stamp_of,
+            exposure_s=camera.exposure_s or source.exposure_s or 0.0,
+            readout_s=camera.readout_s or 0.0,
+            delay_s=source.delay_s,
+            date=date,
+        )
+    if kind == "genicam":
+        return GenicamCamera(
+            aravis(),
+            source.path.removeprefix(GENICAM_SCHEME),
+            wish=V4l2Wish(fps=source.fps, exposure_s=source.exposure_s, gain=source.gain),
+            colour=colour,
+            timeout_s=source.timeout_s,
             stamp_of=source.stamp_of,
             exposure_s=camera.exposure_s or source.exposure_s or 0.0,
             readout_s=camera.readout_s or 0.0,

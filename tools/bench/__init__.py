@@ -7,7 +7,8 @@
   survey_sigma.
 - Acceptance, with real processes, faults and enemies: field, impostors, intruder, mavlink_forgery, mavlink_peers,
   scale, gnss_corruption.
-- Profiling, what it costs: station_load, edge_speed, edge_memory, edge_stamps, memory, page, gnss_throughput.
+- Profiling, what it costs: station_load, edge_speed, edge_memory, edge_stamps, edge_formats, memory, page,
+  gnss_throughput.
 
 What they stand on (scenes, boxes, receivers, listeners, base processes) is in tools/doubles, which tests use as well.
 """
