@@ -36,6 +36,7 @@ log = logging.getLogger(__name__)
 
 RECEIVER_CLOSE_S: Final = 2.0  # a driver that is asked for bytes lets go within 0.1 s, opening takes longer
 PORT_RETRY_S: Final = 1.0  # between attempts to open a port that is not there
+MOVING_EPOCHS: Final = 5  # in a row elsewhere, by a fixed solution: one is noise, so many are an antenna that moves
 SNAPSHOT_S: Final = 0.5  # an average of ten minutes costs a millisecond; twice a second is enough to watch it
 AUTOBAUD: Final = (115200, 38400, 460800, 230400, 921600, 9600, 57600)  # the commonest first
 MAX_HORIZONTAL_LEVER_M: Final = 0.010  # its direction is unknown before the camera's heading is
@@ -196,8 +197,12 @@ class Receiver(OwnThread):
             if status.state is not self._status.state:
                 log.info("%s: %s: %s; %s", self._config.device, status.state, status.reason, status.action)
             self._surveyed, self._fix, self._status = surveyed, fix, status
-            self._said = fix or _taken_back(self._said, status)
+            self._said = self._confirmed(fix) or _taken_back(fix or self._said, status, self._session)
             self._changed.notify_all()
+
+    def _confirmed(self, fix: Fix | None) -> Fix | None:
+        """The fix, if the newest epoch is one of those that it is the average of."""
+        return None if self._session.against else fix
 
     def _kept_fix(self, surveyed: Surveyed) -> Fix:
         """The fix, held against those before it; a move that was seen explains why they lie elsewhere."""
@@ -219,15 +224,19 @@ class Receiver(OwnThread):
             self._status = ReceiverStatus(
                 ReceiverState(error.fault.value), level, reason, error.action, counters(self._session)
             )
-            self._said = self._fix or _taken_back(self._said, self._status)
+            self._said = self._fix or _taken_back(self._said, self._status, self._session)
 
 
-def _taken_back(said: Fix | None, status: ReceiverStatus) -> Fix | None:
+def _taken_back(said: Fix | None, status: ReceiverStatus, session: StaticSession) -> Fix | None:
     """The last fix, no longer stood by. What was once spoken against is not merely unconfirmed later."""
     if said is None or said.standing == "doubted":
         return said
-    against = status.state is ReceiverState.DOUBTED and status.level == "fail"
-    why = f"{status.state}: {status.reason}"
+    moving = session.jumps >= MOVING_EPOCHS
+    against = moving or (status.state is ReceiverState.DOUBTED and status.level == "fail")
+    averaging = status.state is ReceiverState.AVERAGING
+    why = (
+        f"moving: {session.against}" if moving else session.against if averaging else f"{status.state}: {status.reason}"
+    )
     return changed(said, quality=0, standing="doubted" if against else "unconfirmed", why=why)
 
 

@@ -39,6 +39,8 @@ STATIC_WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardl
 SETTLING_S: Final = 60.0  # a receiver that has just fixed converges for up to a minute
 MOST_EPOCHS: Final = 12_000  # ten minutes at 20 Hz
 REMEMBERED_EPOCHS: Final = 30  # epochs that are looked back on for positions of two places in turn
+# Refusals that say something of the antenna, and not only of the message: that it may be elsewhere by now.
+SPEAKS_AGAINST: Final = frozenset({Reason.QUALITY, Reason.JUMP})
 NS_PER_MS: Final = 1_000_000
 NS_PER_DAY: Final = MS_PER_DAY * NS_PER_MS
 
@@ -92,6 +94,8 @@ class StaticSession:
         self.counts: Counter[str] = Counter()
         self.refusals: Counter[Reason] = Counter()
         self.last_refusal: Refusal | None = None
+        self.against = ""  # why the newest epoch does not confirm the position; empty where it does
+        self.jumps = 0  # epochs in a row that were elsewhere
         self.last_malformed = ""  # what could not be read of the last message that broke its own rules
         self._latest: Epoch | None = None
         self._newest: deque[Position] = deque(maxlen=3)
@@ -223,6 +227,9 @@ class StaticSession:
         return self._accept(verdict.accepted, verdict.segment, t_s)
 
     def _refuse(self, refusal: Refusal) -> None:
+        if refusal.reason in SPEAKS_AGAINST:
+            self.against = str(refusal)
+            self.jumps = self.jumps + 1 if refusal.reason is Reason.JUMP else 0
         self.refusals[refusal.reason] += 1
         self.last_refusal = refusal
 
@@ -232,6 +239,7 @@ class StaticSession:
             self.refusals[self._provisional.pop()] -= 1
         self._provisional.clear()
         self.counts["accepted"] += len(positions)
+        self.against, self.jumps = "", 0
         silence_s = t_s - self.last_accepted_s if self.last_accepted_s is not None else 0.0
         self.last_accepted_s = t_s
         carried_m = self._way.carried_m(positions[0]) if segment != self._segment else 0.0

@@ -209,9 +209,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=int, default=24)
     parser.add_argument("--seed", type=int, default=19)
+    parser.add_argument(
+        "--kinds", nargs="*", choices=KINDS, default=list(KINDS), help="of trouble (default: all in turn)"
+    )
     arguments = parser.parse_args()
     rng, total = np.random.default_rng(arguments.seed), Counter[str]()
-    for hour, kind in zip(range(arguments.hours), itertools.cycle(KINDS), strict=False):
+    for hour, kind in zip(range(arguments.hours), itertools.cycle(arguments.kinds), strict=False):
         at = int(rng.integers(400, 2400))
         seconds, worst = tried(KINDS[kind](rng, at), rng)
         total += seconds

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import serial
 
@@ -271,3 +272,27 @@ def test_a_box_says_whether_it_knows_where_its_antenna_stands() -> None:
     unknown = check_antenna(GnssConfig(device="/dev/x"))
     assert unknown.level == "warn"
     assert "gnss.lever_arm_m" in unknown.action
+
+
+def test_a_position_is_not_stood_by_while_the_newest_epoch_speaks_against_it(
+    player: Player, started: Callable[..., Receiver], until: Until
+) -> None:
+    player.plug()
+    receiver = started(player.link)
+    assert until(lambda: (fix := receiver.said()) and fix.samples >= 30, within_s=CLEARING_S)
+    player.say = lambda t: gga(t, PLACE, quality=5)
+    assert until(lambda: (said := receiver.said()) and said.standing == "unconfirmed", within_s=CLEARING_S)
+    player.say = lambda t: gga(t, PLACE) + rmc(t)
+    assert until(lambda: (said := receiver.said()) and said.standing == "held", within_s=CLEARING_S)
+    moved_m = [0.0]
+
+    def carried(t: dt.datetime) -> bytes:
+        moved_m[0] += 0.5
+        return gga(t, PLACE, np.array([moved_m[0], 0.0, 0.0]))
+
+    player.say = carried
+    assert until(lambda: (said := receiver.said()) and said.standing == "doubted", within_s=CLEARING_S)
+    said = receiver.said()
+    assert said is not None
+    assert said.quality == 0
+    assert "jumps" in said.why
