@@ -8,6 +8,7 @@ the same name matters.
 
 import logging
 from decimal import Decimal, InvalidOperation
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -89,7 +90,7 @@ def _refuse_lost_digits(table: CsvTable, ns: NDArray[np.int64], good: NDArray[np
         return
     own = tracks(table)[good]
     distinct = len(np.unique(np.column_stack([known, own]), axis=0))
-    if distinct < SHARED_STAMPS * len(known):
+    if distinct < SHARED_STAMPS * len(known) and _on_a_path(table, ns, good):
         row = int(np.flatnonzero(good)[0])
         what = (
             f"{STAMP}: stamps such as {table.columns[STAMP][row]} have lost their digits: "
@@ -98,6 +99,22 @@ def _refuse_lost_digits(table: CsvTable, ns: NDArray[np.int64], good: NDArray[np
         raise table.fault(
             row, what, "write them again from the source, as whole numbers; a spreadsheet keeps 15 digits"
         )
+
+
+def _on_a_path(table: CsvTable, ns: NDArray[np.int64], good: NDArray[np.bool_]) -> bool:
+    """Whether rows of one stamp are nearer to one another than to those of the next: one object's, at several times.
+
+    Several objects under one number are as far apart in each picture as they are, and each goes on from where it was.
+    """
+    pixels = np.column_stack([table.numbers("u_px"), table.numbers("v_px")])
+    usable = good & np.isfinite(pixels).all(axis=1)
+    order = np.flatnonzero(usable)[np.argsort(ns[usable], kind="stable")]
+    frames = np.split(pixels[order], np.flatnonzero(np.diff(ns[order])) + 1)
+    within = np.concatenate([np.linalg.norm(np.diff(one, axis=0), axis=1) for one in frames])
+    across = [np.linalg.norm(one[:, None] - two[None], axis=2).min(axis=1) for one, two in pairwise(frames)]
+    if not across or not len(within):
+        return len(within) > 0
+    return bool(np.median(within) <= np.median(np.concatenate(across)))
 
 
 def tracks(table: CsvTable) -> NDArray[np.int64]:

@@ -116,6 +116,23 @@ def test_what_cannot_be_told_is_refused_with_its_line(text: str, named: list[str
         assert words in str(caught.value)
 
 
+def test_three_objects_under_one_number_have_not_lost_their_digits(tmp_path: Path) -> None:
+    """Ten frames a second, all of whose stamps end in zeros, and three drones in each that a detector counts as one."""
+    rows = [
+        f"{T_NS // 10**9 * 10**9 + k * 10**8},{100 + 300 * n + 3 * k},{50 + 2 * k},1"
+        for k in range(40)
+        for n in range(3)
+    ]
+    stamps, _ = read(tmp_path, "t_unix_ns,u_px,v_px,track\n" + "\n".join(rows))
+    assert len(np.unique(stamps)) == 40
+
+
+def test_one_object_at_thirty_frames_and_tenths_of_a_second_has(tmp_path: Path) -> None:
+    rows = [f"{T_NS // 10**9 * 10**9 + k // 3 * 10**8},{100 + k},{50 + k},1" for k in range(120)]
+    with pytest.raises(ConfigError, match="lost their digits"):
+        read(tmp_path, "t_unix_ns,u_px,v_px,track\n" + "\n".join(rows))
+
+
 @pytest.mark.parametrize("data", [text_of("\t").encode("utf-16-le"), text_of().encode("utf-16-be"), b"\xff\xfe\x00"])
 def test_what_is_no_text_in_utf_8_is_named(data: bytes, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cam0\.csv"):
