@@ -33,6 +33,7 @@ HOUR_S: Final = 3600
 PLACE: Final = Place()
 START: Final = dt.datetime(2026, 6, 1, 6, tzinfo=dt.UTC)
 LOOK_S: Final = 3  # between two looks at what is claimed
+PAUSE_S: Final = 0.5
 WRONG_SIGMAS: Final = 4.0
 CAMERA: Final = "cam0"
 
@@ -149,8 +150,11 @@ class Witness:
 
     def hear(self, second: int, data: bytes) -> Fix | None:
         """One second; what the box says."""
-        self._second = float(second)
+        # The pause after an epoch, in which a live receiver's last one is closed; one snapshot for both.
+        self._second = self._watch.last_snapshot_s = second - PAUSE_S
         self._receiver._take(data, self._watch)
+        self._second = float(second)
+        self._receiver._take(b"", self._watch)
         said = self._receiver.said()
         if said is not None:
             self.base.fix(self.base.cameras[CAMERA], encode(said), second * NS)
