@@ -109,7 +109,7 @@ class CalibrationSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
 
 
 class TrackingSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How objects are followed. The defaults suit small UAVs and birds at 20 m to 1 km."""
+    """How objects are followed. The defaults suit small UAVs and birds at 20 m to 3 km."""
 
     sigma_px: Annotated[float, Meta(gt=0, le=50, description="one sigma of a detection that does not say its own")] = (
         1.0
@@ -130,6 +130,17 @@ class TrackingSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     max_range_m: Annotated[
         float, Meta(gt=0, le=50000, description="an object farther from its cameras does not become a target")
     ] = TRACKER.limits.max_range_m
+    max_sigma_m: Annotated[
+        float, Meta(gt=0, le=1000, description="a position with a larger sigma, along its worst axis, is not sent")
+    ] = TRACKER.max_sigma_m
+    max_sigma_share: Annotated[
+        float,
+        Meta(
+            gt=0,
+            le=1,
+            description="of the range from the nearest camera: the same for what is near; 6 m are always allowed",
+        ),
+    ] = TRACKER.max_sigma_share
 
 
 class EndpointSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

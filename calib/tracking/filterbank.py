@@ -12,7 +12,7 @@ moves its target far, as the second camera does after a stretch with one alone, 
 (Bell and Cathey 1993): a straight line drawn through the wrong point ends in a sure and false position.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import cv2
@@ -24,9 +24,10 @@ from calib.sighting import CameraView, Sighting
 from calib.tracking.motion import STATE, Singer
 from edge.common.arrays import Array
 
-MANOEUVRE_FACTORS: Final = (0.02, 4.0)  # of a target: a balloon to a hawk, against the motion model's variance
+MANOEUVRE_FACTORS: Final = (0.02, 60.0)  # of a target: a balloon to a racing drone at 5 g, against the model's variance
 AWAKES_S: Final = 0.5  # s: how soon a target that begins to turn is taken at its word
 CALMS_S: Final = 2.0  # s: how long one that flies straight is still expected to turn; longer, and sigma is too wide
+ONSET_S: Final = 0.25  # s before a detection outside its gate, within which a hard turn may have begun
 UNWATCHED: Final = 1.0  # least factor of a target whose range nobody measures: no camera would see it turn
 FAR: Final = 0.01  # of the range: a step beyond which a pixel no longer follows its tangent, 0.1 px at f = 1000
 LOOKS: Final = 4  # linearisations at most
@@ -34,12 +35,13 @@ LOOKS: Final = 4  # linearisations at most
 
 @dataclass(frozen=True)
 class PredictedStates:
-    """All states taken to one instant: `state` (N, 9), `covariance` (N, 9, 9), by the `transition` (N, 9, 9) that did.
+    """All states taken to `t_s`: `state` (N, 9), `covariance` (N, 9, 9), by the `transition` (N, 9, 9) that did.
 
     base_*: what an update is applied to, at `base_t_s`: the same, or for a late instant the states as they stand;
     base_transition takes the bank's states there. cross: (N, 9, 9) covariance of the base with `state`.
     """
 
+    t_s: float
     transition: Array
     state: Array
     covariance: Array
@@ -172,7 +174,7 @@ class FilterBank:
         self.covariance = np.concatenate([self.covariance, covariance[None]])
         self.with_poses = np.concatenate([self.with_poses, with_poses[None]])
         self.t_s = np.append(self.t_s, t_s)
-        self.manoeuvre_factor = np.append(self.manoeuvre_factor, 1.0)
+        self.manoeuvre_factor = np.append(self.manoeuvre_factor, max(1.0, float(self._shown(state, covariance))))
         self.watched = np.append(self.watched, True)
 
     def keep(self, which: NDArray[np.bool_]) -> None:
@@ -195,10 +197,11 @@ class FilterBank:
         covariance += self.motion.noise(dt_s) * self.expected_manoeuvre_factor[:, None, None]
         if (dt_s >= 0).all():
             now = np.full(len(self), t_s)
-            return PredictedStates(F, state, covariance, F, now, state, covariance, covariance)
+            return PredictedStates(t_s, F, state, covariance, F, now, state, covariance, covariance)
         ahead = dt_s >= 0
         ahead1, ahead2 = ahead[:, None], ahead[:, None, None]
         return PredictedStates(
+            t_s,
             F,
             state,
             covariance,
@@ -208,6 +211,25 @@ class FilterBank:
             np.where(ahead2, covariance, self.covariance),
             np.where(ahead2, covariance, half.transpose(0, 2, 1)),
         )
+
+    def turning(self, prediction: PredictedStates, which: NDArray[np.intp]) -> PredictedStates:
+        """A prediction in which targets `which` (K,) have begun the hardest turn a little while ago.
+
+        The onset of a manoeuvre as a hypothesis of its own (Bar-Shalom, Li and Kirubarajan 2001, section 11.5).
+        """
+        onset = self.motion.noise(np.array([ONSET_S])) * MANOEUVRE_FACTORS[1]
+        to_base = self.motion.transition(prediction.base_t_s[which] - prediction.t_s)
+        moved = np.matmul(to_base, onset)
+        return replace(
+            prediction,
+            covariance=_plus(prediction.covariance, which, onset),
+            base_covariance=_plus(prediction.base_covariance, which, np.matmul(moved, to_base.transpose(0, 2, 1))),
+            cross=_plus(prediction.cross, which, moved),
+        )
+
+    def alarm(self, which: NDArray[np.intp]) -> None:
+        """Expect the hardest turns of targets `which` (K,) until they fly straight again."""
+        self.manoeuvre_factor[which] = MANOEUVRE_FACTORS[1]
 
     def expect(self, prediction: PredictedStates, sighting: Sighting, camera: int) -> Expected:
         """What camera number `camera` should see, without the detector's own noise."""
@@ -266,14 +288,15 @@ class FilterBank:
 
     def _learn(self, which: NDArray[np.intp], passed_s: Array) -> None:
         """How hard each target manoeuvres: the expectation step of EM, forgetting (Dempster et al. 1977)."""
-        covariance = self.covariance[which]
-        variance = covariance[:, 6, 6] + covariance[:, 7, 7] + covariance[:, 8, 8]
-        acceleration = np.einsum("ni,ni->n", self.state[which, 6:], self.state[which, 6:]) + variance
-        seen = np.minimum(
-            np.maximum(acceleration / (3 * self.motion.sigma_m_s2**2), MANOEUVRE_FACTORS[0]), MANOEUVRE_FACTORS[1]
-        )
+        seen = self._shown(self.state[which], self.covariance[which])
         memory_s = np.where(seen > self.manoeuvre_factor[which], AWAKES_S, CALMS_S)
         self.manoeuvre_factor[which] += (seen - self.manoeuvre_factor[which]) * np.minimum(passed_s / memory_s, 1.0)
+
+    def _shown(self, state: Array, covariance: Array) -> Array:
+        """(...) variance of the acceleration that states (..., 9) show, against the motion model's."""
+        variance = covariance[..., 6, 6] + covariance[..., 7, 7] + covariance[..., 8, 8]
+        shown = (np.einsum("...i,...i->...", state[..., 6:], state[..., 6:]) + variance) / 3 / self.motion.sigma_m_s2**2
+        return np.asarray(np.minimum(np.maximum(shown, MANOEUVRE_FACTORS[0]), MANOEUVRE_FACTORS[1]), float)
 
     def exchange(self, network: Network) -> None:
         """Go on with another network: states move as their errors hang together with the poses that changed."""
@@ -291,6 +314,13 @@ class FilterBank:
         self.with_poses = np.matmul(follows, network.covariance[of_new])
         self.t_s = self.t_s + (old.t_mid_unix_ns - network.t_mid_unix_ns) * 1e-9
         self.network = network
+
+
+def _plus(matrices: Array, which: NDArray[np.intp], more: Array) -> Array:
+    """A copy of (N, 9, 9) with (K, 9, 9) added to those of indices (K,)."""
+    sums = matrices.copy()
+    sums[which] += more
+    return sums
 
 
 def _inverse_2x2(matrix: Array) -> Array:

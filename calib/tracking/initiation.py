@@ -14,27 +14,28 @@ from numpy.typing import NDArray
 
 from calib.geometry.rays import LEAST_SINE2, nearest_point
 from calib.network import Network
-from calib.tracking.motion import Singer
-from calib.tracking.options import Limits
-from calib.tracking.tracklets import SIGMA_FLOOR_M, NewTrack, Tracklet, bearing_sigma, straight_flight
+from calib.tracking.options import Limits, TrackerOptions
+from calib.tracking.searches import Search
+from calib.tracking.tracklets import SIGMA_FLOOR_M, NewTrack, Tracklet, bearing_sigma, flight
 from edge.common.arrays import Array
 
-STRAIGHT_S: Final = 0.8  # s of rays looked at: a flight is nearly straight for so long
 MEET_SIGMA: Final = 4.0  # one sigma of two rays' distance, that they may miss each other by
 MOST_INITIATED: Final = 8  # a scan: the rest come a tenth of a second later, and the loop never waits
 
 
-def initiate(found: list[Tracklet], network: Network, motion: Singer, limits: Limits, now_s: float) -> list[NewTrack]:
+def initiate(
+    found: list[Tracklet], network: Network, options: TrackerOptions, search: Search, now_s: float
+) -> list[NewTrack]:
     """Tentative targets from tracklets, best supported first."""
     if len({tracklet.camera for tracklet in found}) < 2:
         return []
-    scan = _Scan(found, network, limits, now_s - STRAIGHT_S / 2)
+    scan = _Scan(found, network, options.limits, (now_s - search.span_s / 2, search.span_s / 2))
     initiated: list[NewTrack] = []
     used: set[int] = set()
     for members in scan.candidates():
         if used.isdisjoint(members[:2]) and len(initiated) < MOST_INITIATED:
             free = [member for member in members if member not in used]
-            track = straight_flight([found[k] for k in free], network, motion, limits)
+            track = flight([found[k] for k in free], network, options, search)
             if track is not None:
                 initiated.append(track)
                 used.update(free)
@@ -44,12 +45,13 @@ def initiate(found: list[Tracklet], network: Network, motion: Singer, limits: Li
 class _Scan:
     """All pairs of tracklets at two instants, and which further tracklets support each pair."""
 
-    def __init__(self, found: list[Tracklet], network: Network, limits: Limits, t_s: float) -> None:
+    def __init__(self, found: list[Tracklet], network: Network, limits: Limits, about_s: tuple[float, float]) -> None:
         self._found, self._limits = found, limits
         self._camera = np.array([tracklet.camera for tracklet in found])
         self._centre = np.array([network.cameras[c].centre_enu for c in self._camera])
         self._sigma = np.array([bearing_sigma(tracklet, network) for tracklet in found])
-        early, late = t_s - STRAIGHT_S / 4, t_s + STRAIGHT_S / 4
+        mid_s, self._between_s = about_s
+        early, late = mid_s - self._between_s / 2, mid_s + self._between_s / 2
         self._early = np.array([tracklet.at(early) for tracklet in found])
         self._late = np.array([tracklet.at(late) for tracklet in found])
 
@@ -58,7 +60,7 @@ class _Scan:
         first, second = np.nonzero(self._camera[:, None] < self._camera[None, :])
         miss_early, point_early = self._meet(first, second, self._early)
         miss_late, point_late = self._meet(first, second, self._late)
-        speed = np.linalg.norm(point_late - point_early, axis=1) / (STRAIGHT_S / 2)
+        speed = np.linalg.norm(point_late - point_early, axis=1) / self._between_s
         miss = np.hypot(miss_early, miss_late)
         good = (miss_early < MEET_SIGMA) & (miss_late < MEET_SIGMA) & (speed < 2 * self._limits.max_speed_m_s)
         pairs = np.nonzero(good)[0]

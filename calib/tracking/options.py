@@ -4,8 +4,14 @@ Kept apart from the tracker, so that a configuration can be read without the fil
 """
 
 from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
 
 from calib.tracking.motion import Singer
+from edge.common.arrays import Array
+
+NEAR_SIGMA_M: Final = 6.0  # m: what a target at any range may be uncertain by: two seconds of coasting in a calm flight
 
 
 @dataclass(frozen=True)
@@ -13,7 +19,7 @@ class Limits:
     """What a target can be: how far from its cameras, how fast."""
 
     max_range_m: float = 3000.0
-    max_speed_m_s: float = 80.0
+    max_speed_m_s: float = 100.0
     min_range_m: float = 2.0
 
 
@@ -23,6 +29,11 @@ class TrackerOptions:
 
     reorder_horizon_s: float = 0.5  # an out-of-sequence measurement may be so late and still count
     coast_s: float = 2.5  # without a measurement for so long a target is lost
-    max_sigma_m: float = 6.0  # of position, one sigma, largest axis: more is no use to anybody
+    max_sigma_m: float = 100.0  # of position, one sigma, largest axis: more is no use to anybody
+    max_sigma_share: float = 0.03  # of the range from the nearest camera: so far off, less is of use
     motion: Singer = field(default_factory=Singer)
     limits: Limits = field(default_factory=Limits)
+
+    def most_sigma_m(self, range_m: Array) -> Array:
+        """(N,) how uncertain targets at these ranges (N,) may be, one sigma, and still be said to be somewhere."""
+        return np.minimum(self.max_sigma_m, np.maximum(self.max_sigma_share * range_m, NEAR_SIGMA_M))

@@ -8,10 +8,8 @@ a target nobody has seen for a while coasts, with a covariance that grows, and i
 Time here is site time: seconds since the network's own epoch. The caller says what "now" is.
 """
 
-import math
 from collections import Counter, deque
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,52 +17,49 @@ from numpy.typing import NDArray
 
 from calib.network import Network
 from calib.observations import Frame
-from calib.sighting import CameraView
-from calib.tracking.association import GATE, assign
+from calib.sighting import CameraView, Sighting
+from calib.tracking.association import MISSED, Candidates, Pairing, pair
 from calib.tracking.common_now import CommonNow
-from calib.tracking.filterbank import Expected, FilterBank, Look, Rays
-from calib.tracking.initiation import STRAIGHT_S, initiate
+from calib.tracking.estimates import TargetEstimate, TargetState
+from calib.tracking.filterbank import FilterBank, Look, PredictedStates, Rays
+from calib.tracking.initiation import initiate
+from calib.tracking.lone import LoneTargets
+from calib.tracking.numbering import Numbering
 from calib.tracking.options import TrackerOptions
 from calib.tracking.pixelbias import with_bias
+from calib.tracking.searches import SEARCHES, STRAIGHT
 from calib.tracking.track_scores import AssociationEvidence, TrackScores
-from calib.tracking.tracklets import LooseRay, NewTrack, tracklets
+from calib.tracking.tracklets import LooseRay, NewTrack, could_be, tracklets
+from calib.tracking.twins import twins
 from edge.common.arrays import Array
 
 SCAN_S: Final = 0.1  # s between searches for new tracks
 LOOSE_RAYS: Final = 4000  # kept at most; a detector in flood must not slow the loop
 COASTS_AFTER_S: Final = 0.5  # s without a measurement: several frames of the slowest camera
 HALF_OUTSIDE_PX: Final = 12.0  # a target so near the image's edge may be half outside: not seeing it proves nothing
-SAME_LABEL_BONUS: Final = 4.0  # squared sigma: what a camera's own track number is worth where two targets cross
-DETECTED: Final = 0.8  # how often a camera that sees a target reports it
-CLUTTER_A_FRAME: Final = 1.0
-MISSED: Final = math.log(1 - DETECTED)  # log-likelihood that a target that is there is not reported
 TENTATIVE_S: Final = 1.5  # s a tentative target may go unseen
+TOO_FAST: Final = 1.5  # times the greatest speed: a target that was believed is given more than a new one
+NOWHERE: Final = 0.3  # of its range that a target's sigma may be: beyond, a filter about its guess is none
 MISLED: Final = 2.0  # times what one camera's ray is off, a target may be: two rays that cross at 30 degrees
-TWIN_SIGMA2: Final = 12.0  # squared normalised distance within which two targets are one object, 3 degrees of freedom
-
-
-class TargetState(StrEnum):
-    """The life of a target."""
-
-    TENTATIVE = "tentative"
-    CONFIRMED = "confirmed"
-    COASTING = "coasting"
-    LOST = "lost"
 
 
 @dataclass(frozen=True)
-class TargetEstimate:
-    """Where a target is. covariance: (6, 6) of position and velocity, ENU. age_s: since its last measurement."""
+class Refusals:
+    """What was not used: frames beyond the horizon, by camera, s late; targets too uncertain, the surest's sigma."""
 
-    track: int
-    state: TargetState
-    t_unix_ns: int
-    position_enu: Array
-    velocity_enu: Array
-    covariance: Array
-    cameras: tuple[str, ...]
-    age_s: float
-    quality: float
+    late_s: dict[str, float]
+    too_uncertain_m: float | None
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """One frame of camera `number`: how it should see each target (N,), its rays and their labels (K,), when."""
+
+    number: int
+    sighting: Sighting
+    rays: Rays
+    label: NDArray[np.int64]
+    t_s: float
 
 
 class Tracker:
@@ -77,6 +72,8 @@ class Tracker:
         self._loose: deque[LooseRay] = deque(maxlen=LOOSE_RAYS)
         self._next_track = first_track
         self._common = CommonNow()
+        self._lone = LoneTargets()
+        self._refused = Refusals({}, None)
         self._newest_s = -np.inf
         self._scanned_s = -np.inf
         self.counters: Counter[str] = Counter()
@@ -85,6 +82,8 @@ class Tracker:
     def _adopt(self, network: Network) -> None:
         self._network = network
         self._views = [CameraView.of(camera) for camera in network.cameras]
+        self._numbering = [Numbering(min(camera.lens.intrinsics[:2])) for camera in network.cameras]
+        self._centres_enu = np.array([camera.centre_enu for camera in network.cameras])
         self._number = {camera.id: k for k, camera in enumerate(network.cameras)}
 
     @property
@@ -113,6 +112,7 @@ class Tracker:
         self._bank.exchange(with_bias(network))
         self._scores.exchange(kept, shift_s)
         self._common.shift(shift_s)
+        self._lone.shift(shift_s)
         self._newest_s += shift_s
         self._scanned_s += shift_s
         self._loose.clear()
@@ -130,6 +130,7 @@ class Tracker:
         moved: list[int] = []
         if t_s < now_s - horizon_s:
             self.counters["late"] += 1
+            self._refused.late_s[frame.camera] = max(now_s - t_s, self._refused.late_s.get(frame.camera, 0.0))
         elif t_s > now_s + horizon_s:
             self.counters["early"] += 1
             self.counters["overflown"] += not self._common.hold(frame, t_s)
@@ -157,11 +158,13 @@ class Tracker:
     def _take(self, number: int, frame: Frame, t_s: float, rows_s: Array) -> list[int]:
         self._newest_s = max(self._newest_s, t_s)
         rays = Rays(frame.pixels, rows_s - t_s, frame.sigma_px)
-        taken, moved = self._associate(number, frame.label, rays, t_s)
+        label = self._numbering[number].number(frame.label, frame.pixels, frame.sigma_px, t_s)
+        self._lone.note(frame.camera, label, t_s)
+        taken, moved = self._associate(number, label, rays, t_s)
         for k in np.nonzero(~taken)[0]:
             u, v = frame.pixels[k]
             self._loose.append(
-                LooseRay(number, int(frame.label[k]), float(rows_s[k]), float(u), float(v), float(frame.sigma_px[k]))
+                LooseRay(number, int(label[k]), float(rows_s[k]), float(u), float(v), float(frame.sigma_px[k]))
             )
         return moved
 
@@ -173,95 +176,114 @@ class Tracker:
             return taken, []
         self._bank.watch(self._scores.watching(t_s))
         prediction = self._bank.predict(t_s)
-        sighting = self._views[number].sight(prediction.state[:, :3])
-        expected = self._bank.expect(prediction, sighting, number)
-        pairs, odds = self._match(number, label, rays, expected)
-        which, detection = np.array([p[0] for p in pairs], int), np.array([p[1] for p in pairs], int)
-        due = sighting.valid & self._views[number].inside(sighting.pixels, HALF_OUTSIDE_PX)
-        if pairs:
-            chosen = rays.chosen(detection)
-            look = Look(number, self._views[number], sighting.chosen(which), chosen)
-            mahalanobis2 = self._bank.update(prediction, which, look)
-            gain = odds[which, detection] - mahalanobis2 / 2
-            self._scores.hit(number, which, t_s, AssociationEvidence(label[detection], gain, mahalanobis2))
-            taken[detection] = True
-            due[which] = False
-        self._scores.miss(number, np.nonzero(due)[0], MISSED)
-        return taken, [self._scores.track[k] for k in which]
+        scan = _Scan(number, self._views[number].sight(prediction.state[:, :3]), rays, label, t_s)
+        same = self._scores.holds(number, label)
+        pairing = self._pair(scan, prediction, scan.sighting.valid[:, None], same)
+        self._hit(scan, prediction, pairing)
+        taken[pairing.detection] = True
+        missed = scan.sighting.valid & self._views[number].inside(scan.sighting.pixels, HALF_OUTSIDE_PX)
+        missed[pairing.which] = False
+        again = self._follow_turns(scan, prediction, same & missed[:, None] & ~taken[None])
+        taken[again.detection] = True
+        missed[again.which] = False
+        self._scores.miss(number, np.nonzero(missed)[0], MISSED)
+        return taken, [self._scores.track[k] for k in (*pairing.which, *again.which)]
 
-    def _odds(self, number: int, determinant: Array) -> Array:
-        """Log-likelihood ratio of a detection right where a target is expected, against clutter."""
-        width, height = self.network.cameras[number].lens.size_px
-        constant = math.log(DETECTED * width * height / CLUTTER_A_FRAME / (2 * math.pi))
-        odds: Array = constant - np.log(determinant) / 2
-        return odds
+    def _pair(
+        self, scan: "_Scan", prediction: PredictedStates, possible: NDArray[np.bool_], same: NDArray[np.bool_]
+    ) -> Pairing:
+        expected = self._bank.expect(prediction, scan.sighting, scan.number)
+        size_px = self.network.cameras[scan.number].lens.size_px
+        return pair(expected, scan.rays, size_px, Candidates(possible, same, self._scores.confirmed))
 
-    def _match(
-        self, number: int, label: NDArray[np.int64], rays: Rays, expected: Expected
-    ) -> tuple[list[tuple[int, int]], Array]:
-        """Pairs of target and detection, and the odds (N, K) of each against clutter.
+    def _hit(self, scan: "_Scan", prediction: PredictedStates, pairing: Pairing) -> None:
+        if not len(pairing):
+            return
+        which, detection = pairing.which, pairing.detection
+        look = Look(scan.number, self._views[scan.number], scan.sighting.chosen(which), scan.rays.chosen(detection))
+        mahalanobis2 = self._bank.update(prediction, which, look)
+        evidence = AssociationEvidence(scan.label[detection], pairing.gain - mahalanobis2 / 2, mahalanobis2)
+        self._scores.hit(scan.number, which, scan.t_s, evidence)
 
-        Confirmed targets choose first; what they leave is the tentative ones'.
+    def _follow_turns(self, scan: "_Scan", prediction: PredictedStates, held: NDArray[np.bool_]) -> Pairing:
+        """A target that its camera missed, and a detection outside its gate that bears its number: it has turned.
+
+        held: (N, K) what targets and detections that may be so.
         """
-        valid = expected.sighting.valid
-        if not len(label) or not valid.any():
-            return [], np.zeros((len(valid), len(label)))
-        S, drift = expected.covariance, expected.drift[:, None] * rays.after_s[None, :, None]
-        x, y = np.moveaxis(rays.pixels[None] - expected.sighting.pixels[:, None] - drift, 2, 0)
-        noise = rays.sigma_px[None] ** 2
-        a, b, d = S[:, 0, 0][:, None] + noise, S[:, 0, 1][:, None], S[:, 1, 1][:, None] + noise
-        determinant = a * d - b * b
-        mahalanobis2 = (d * x * x - 2 * b * x * y + a * y * y) / determinant
-        odds = self._odds(number, determinant)
-        worth = 2 * (odds - MISSED)
-        cost = np.where(valid[:, None] & (mahalanobis2 < GATE), mahalanobis2 - np.minimum(worth, GATE), 0.0)
-        same = (self._scores.label[:, number, None] == label[None]) & (label[None] > 0)
-        cost = np.where(same & (cost < 0), cost - SAME_LABEL_BONUS, cost)
-        confirmed = self._scores.confirmed
-        if confirmed.all() or not confirmed.any():
-            return assign(cost, 0.0), odds
-        first = assign(np.where(confirmed[:, None], cost, 0.0), 0.0)
-        cost[:, [k for _, k in first]] = 0.0
-        return first + assign(np.where(confirmed[:, None], 0.0, cost), 0.0), odds
+        possible = held & self._scores.followed(scan.t_s)[:, None]
+        which = np.nonzero(possible.any(axis=1))[0]
+        if len(which):
+            which = which[self._scores.astray(scan.number, which, scan.t_s)]
+            possible &= np.isin(np.arange(len(possible)), which)[:, None]
+        turning = self._bank.turning(prediction, which) if len(which) else prediction
+        pairing = self._pair(scan, turning, possible, possible)
+        self._hit(scan, turning, pairing)
+        self._bank.alarm(pairing.which)
+        self.counters["turned"] += len(pairing)
+        return pairing
 
     def advance(self, now_s: float) -> list[TargetEstimate]:
         """Let time pass: track initiation, confirmation, deletion. Returns the final estimates of targets lost now."""
         if now_s - self._scanned_s < SCAN_S:
             return []
         self._scanned_s = now_s
-        self._initiate_tracks(now_s)
+        self._initiate_tracks(min(now_s, self._common.now_s))
         self._scores.confirm()
         self._scores.hold_back_unseen(now_s)
         return self._delete_tracks(now_s)
 
     def _initiate_tracks(self, now_s: float) -> None:
-        while self._loose and self._loose[0].t_s < now_s - STRAIGHT_S:
-            self._loose.popleft()
-        if len(self._loose) < 2:
-            return
-        found = tracklets(self._loose, self._bank.network, now_s)
-        initiated = initiate(found, self._bank.network, self._options.motion, self._options.limits, now_s)
-        for new in initiated:
-            self._add(new)
-        used = {member for new in initiated for member in new.seen_by}
-        if used:
-            self._loose = deque((r for r in self._loose if (r.camera, r.label) not in used), maxlen=LOOSE_RAYS)
+        """Search up to what two cameras have come to: the newest of a fast one has no company yet."""
+        self._loose = deque((ray for ray in self._loose if ray.t_s >= now_s - STRAIGHT.span_s), maxlen=LOOSE_RAYS)
+        for search in SEARCHES:
+            if len(self._loose) < 2:
+                return
+            found = tracklets(self._loose, self._bank.network, search, now_s)
+            initiated = initiate(found, self._bank.network, self._options, search, now_s)
+            for new in initiated:
+                self._add(new)
+            used = {member for new in initiated for member in new.seen_by}
+            if used:
+                self._loose = deque((r for r in self._loose if (r.camera, r.label) not in used), maxlen=LOOSE_RAYS)
 
     def _add(self, new: NewTrack) -> None:
+        heir = self._lone.heir({(self.network.cameras[camera].id, label) for camera, label in new.seen_by})
         self._bank.add(new.state, new.covariance, new.with_poses, new.t_s)
-        self._scores.add(self._next_track, new.t_s, new.seen_by)
-        self._next_track += 1
+        self._scores.add(self._next_track if heir is None else heir, new.t_s, new.seen_by)
+        self._next_track += heir is None
         self.counters["born"] += 1
 
     def _delete_tracks(self, now_s: float) -> list[TargetEstimate]:
         silent_s = now_s - self._scores.last_s
-        sigma_m = np.sqrt(np.abs(np.linalg.eigvalsh(self._bank.covariance[:, :3, :3])[:, -1])) if len(self._bank) else 0
         confirmed = self._scores.confirmed
         deleted = silent_s > np.where(confirmed, self._options.coast_s, TENTATIVE_S)
-        deleted |= (sigma_m > self._options.max_sigma_m) | self._scores.denied
-        deleted |= np.linalg.norm(self._bank.state[:, 3:6], axis=1) > 1.5 * self._options.limits.max_speed_m_s
-        deleted |= self._twins()
-        return self._end(deleted, now_s)
+        deleted |= self._scores.denied | self._too_fast() | twins(self._bank, self._scores)
+        sigma_m, range_m = self._spread(self._bank.state, self._bank.covariance)
+        alone = confirmed & ~deleted & (sigma_m > self._options.most_sigma_m(range_m))
+        alone &= self._scores.watching(now_s) == 1
+        for k in np.nonzero(alone)[0].tolist():
+            self._leave_alone(k, now_s)
+        ended = self._end(deleted | alone | (sigma_m > NOWHERE * range_m), now_s)
+        return ended + self._lone.end(now_s - self._options.coast_s)
+
+    def _spread(self, state: Array, covariance: Array) -> tuple[Array, Array]:
+        """(N,) sigma of position along its worst axis and range from the nearest camera, both m."""
+        if not len(state):
+            return np.zeros(0), np.zeros(0)
+        sigma_m = np.sqrt(np.abs(np.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]))
+        return sigma_m, np.linalg.norm(state[:, None, :3] - self._centres_enu, axis=2).min(axis=1)
+
+    def _too_fast(self) -> NDArray[np.bool_]:
+        limit_m_s = TOO_FAST * self._options.limits.max_speed_m_s
+        states = zip(self._bank.state, self._bank.covariance, strict=True)
+        return np.array([not could_be(state[3:6], covariance, limit_m_s) for state, covariance in states], bool)
+
+    def _leave_alone(self, k: int, now_s: float) -> None:
+        """A target that a single camera sees is no longer filtered; it keeps its number (lone.py)."""
+        (watching,) = self._scores.seen_by(k, now_s)
+        camera, label = self.network.cameras[watching].id, int(self._scores.label[k, watching])
+        farewell = self._estimate(k, now_s, TargetState.LOST)
+        self._lone.keep(self._scores.track[k], (camera, label), float(self._scores.last_s[k]), farewell)
 
     def dismiss(self) -> list[TargetEstimate]:
         """Nothing that was seen is believed any more: all targets end. Returns the farewells of confirmed ones."""
@@ -287,25 +309,19 @@ class Tracker:
     def _end(self, ended: NDArray[np.bool_], now_s: float) -> list[TargetEstimate]:
         if not ended.any():
             return []
-        confirmed = self._scores.confirmed
-        lost = [self._estimate(k, now_s, TargetState.LOST) for k in np.nonzero(ended & confirmed)[0].tolist()]
+        gone = [
+            k for k in np.nonzero(ended & self._scores.confirmed)[0].tolist() if self._scores.track[k] not in self._lone
+        ]
+        lost = [self._estimate(k, now_s, TargetState.LOST) for k in gone]
         self.counters["lost"] += len(lost)
         self._bank.keep(~ended)
         self._scores.keep(~ended)
         return lost
 
-    def _twins(self) -> NDArray[np.bool_]:
-        """Targets that have become the same object as an older one."""
-        twin = np.zeros(len(self._bank), bool)
-        for k in range(1, len(self._bank)):
-            apart = self._bank.state[:k, :3] - self._bank.state[k, :3]
-            apart += self._bank.state[:k, 3:6] * (self._bank.t_s[k] - self._bank.t_s[:k])[:, None]
-            near = np.linalg.norm(apart, axis=1) < 10.0
-            for j in np.nonzero(near & ~twin[:k])[0]:
-                P = self._bank.covariance[j, :6, :6] + self._bank.covariance[k, :6, :6]
-                both = np.concatenate([apart[j], self._bank.state[j, 3:6] - self._bank.state[k, 3:6]])
-                twin[k] |= bool(both @ np.linalg.solve(P, both) < TWIN_SIGMA2 and self._scores.rivals(int(j), k))
-        return twin
+    def refused(self) -> Refusals:
+        """What was not used, and why, since this was asked last."""
+        said, self._refused = self._refused, Refusals({}, None)
+        return said
 
     def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[TargetEstimate]:
         """All targets that are confirmed (or those of `tracks`), each at the time of its last measurement."""
@@ -314,12 +330,30 @@ class Tracker:
             for k in np.nonzero(self._scores.confirmed)[0].tolist()
             if tracks is None or self._scores.track[k] in tracks
         ]
-        return [self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen]
+        return self._certain([self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen])
 
     def predicted(self, now_s: float) -> list[TargetEstimate]:
         """All targets that are confirmed, each taken to now, on or back, with what that adds to its covariance."""
         chosen = np.nonzero(self._scores.confirmed)[0].tolist()
-        return [self._estimate(k, now_s, self._state_of(k, now_s), moved_on=True) for k in chosen]
+        return self._certain([self._estimate(k, now_s, self._state_of(k, now_s), moved_on=True) for k in chosen])
+
+    def _certain(self, said: list[TargetEstimate]) -> list[TargetEstimate]:
+        """Without those whose position is of no use just now: of a target that coasts, or begins to turn."""
+        if not said:
+            return said
+        sigma_m, range_m = self._spread(
+            np.array([e.position_enu for e in said]), np.array([e.covariance for e in said])
+        )
+        beyond = sigma_m > self._options.most_sigma_m(range_m)
+        if beyond.any():
+            known_m = self._refused.too_uncertain_m or np.inf
+            self._refused = replace(self._refused, too_uncertain_m=min(float(sigma_m[beyond].min()), known_m))
+        return [e for e, out in zip(said, beyond, strict=True) if not out]
+
+    @property
+    def alone(self) -> int:
+        """How many targets have kept their number, and have no position, as one camera alone sees them."""
+        return len(self._lone)
 
     @property
     def confirmed(self) -> int:

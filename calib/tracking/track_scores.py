@@ -26,7 +26,11 @@ RETURN_SCORE: Final = -10.0  # of a target that coasts: more than one hit is wor
 BAD_FIT: Final = 5.0  # mean squared normalised innovation; 2 is expected
 LONELY_FIT: Final = 3.0
 SEEN_LATELY_S: Final = 0.5
+ASTRAY_S: Final = 0.25  # s: how soon after one camera another must have seen a target leave its gate
 NO_LABEL: Final = -1
+BY_TARGET: Final = ("confirmed", "last_s", "_initiated_s", "_score", "_fit")  # arrays (N,)
+# Arrays (N, C), and what a camera has in them that knows nothing.
+BY_CAMERA: Final = {"label": NO_LABEL, "_hits": 0, "_frames": 0, "_seen_s": -np.inf, "_astray_s": -np.inf}
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,7 @@ class TrackScores:
         self._hits: Array = np.empty((0, cameras))
         self._frames: Array = np.empty((0, cameras))
         self._seen_s: Array = np.empty((0, cameras))
+        self._astray_s: Array = np.empty((0, cameras))
 
     def add(self, track: int, t_s: float, seen_by: tuple[tuple[int, int], ...]) -> None:
         """A tentative target, initiated at t_s from cameras with their own track numbers."""
@@ -68,24 +73,39 @@ class TrackScores:
         self._hits = np.vstack([self._hits, np.zeros(cameras)])
         self._frames = np.vstack([self._frames, np.zeros(cameras)])
         self._seen_s = np.vstack([self._seen_s, seen_s])
+        self._astray_s = np.vstack([self._astray_s, np.full(cameras, -np.inf)])
 
     def keep(self, which: NDArray[np.bool_]) -> None:
         """Forget all targets but those of a mask (N,)."""
         self.track = [track for track, kept in zip(self.track, which, strict=True) if kept]
-        for name in ("confirmed", "last_s", "label", "_initiated_s", "_score", "_fit", "_hits", "_frames", "_seen_s"):
+        for name in (
+            "confirmed",
+            "last_s",
+            "label",
+            "_initiated_s",
+            "_score",
+            "_fit",
+            "_hits",
+            "_frames",
+            "_seen_s",
+            "_astray_s",
+        ):
             setattr(self, name, getattr(self, name)[which])
 
     def exchange(self, kept: list[int], shift_s: float) -> None:
         """Another network: camera k of it was number kept[k], or -1 if it is new; times move by shift_s."""
         known = np.array(kept)
-        for name, empty in (("label", NO_LABEL), ("_hits", 0), ("_frames", 0), ("_seen_s", -np.inf)):
+        for name, empty in (
+            ("label", NO_LABEL),
+            ("_hits", 0),
+            ("_frames", 0),
+            ("_seen_s", -np.inf),
+            ("_astray_s", -np.inf),
+        ):
             old = getattr(self, name)
             setattr(self, name, np.where(known >= 0, old[:, np.maximum(known, 0)], empty).astype(old.dtype))
-        self.last_s, self._initiated_s, self._seen_s = (
-            self.last_s + shift_s,
-            self._initiated_s + shift_s,
-            self._seen_s + shift_s,
-        )
+        for name in ("last_s", "_initiated_s", "_seen_s", "_astray_s"):
+            setattr(self, name, getattr(self, name) + shift_s)
 
     def hit(self, camera: int, which: NDArray[np.int64], t_s: float, evidence: AssociationEvidence) -> None:
         """Camera saw targets `which` (K,) at t_s."""
@@ -134,6 +154,27 @@ class TrackScores:
         rate = self._hits / np.maximum(self._frames, 1e-9)
         return not bool((both & (rate[one] > SUPPORTS) & (rate[other] > SUPPORTS)).any())
 
+    def holds(self, camera: int, label: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(N, K) whether the camera's own track number of a detection is the one that it last had for a target."""
+        same: NDArray[np.bool_] = (self.label[:, camera, None] == label[None]) & (label[None] > 0)
+        return same
+
+    def followed(self, t_s: float) -> NDArray[np.bool_]:
+        """(N,) confirmed targets that some camera has just seen."""
+        lately: NDArray[np.bool_] = self.confirmed & (t_s - self.last_s < SEEN_LATELY_S)
+        return lately
+
+    def astray(self, camera: int, which: NDArray[np.intp], t_s: float) -> NDArray[np.bool_]:
+        """A camera has targets `which` (K,) outside their gates; (K,) whether that is the target's doing.
+
+        One camera that says so while two others see the target where it should be has itself been knocked.
+        """
+        self._astray_s[which, camera] = t_s
+        says_so = self._astray_s[which] > t_s - ASTRAY_S
+        watching = says_so | (self._seen_s[which] > t_s - SEEN_LATELY_S)
+        turned: NDArray[np.bool_] = (np.count_nonzero(says_so, axis=1) >= 2) | (np.count_nonzero(watching, axis=1) <= 2)
+        return turned
+
     def seen_lately(self, camera: int) -> NDArray[np.bool_]:
         """Targets (N,) that this camera has lately seen, as of each one's last measurement."""
         seen: NDArray[np.bool_] = self._seen_s[:, camera] > self.last_s - SEEN_LATELY_S
@@ -150,9 +191,9 @@ class TrackScores:
         count: NDArray[np.intp] = np.count_nonzero(self._seen_s > t_s - SEEN_LATELY_S, axis=1)
         return count
 
-    def seen_by(self, target: int) -> list[int]:
-        """Cameras that lately contributed to a target."""
-        recent = self._seen_s[target] >= self.last_s[target] - SEEN_LATELY_S
+    def seen_by(self, target: int, t_s: float | None = None) -> list[int]:
+        """Cameras that lately contributed to a target, as of t_s or else its last measurement."""
+        recent = self._seen_s[target] > (self.last_s[target] if t_s is None else t_s) - SEEN_LATELY_S
         return [int(camera) for camera in np.nonzero(recent)[0]]
 
     def quality(self, target: int) -> float:

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
-from calib.tracking.targets import TargetEstimate, TargetState, Tracker
+from calib.tracking.estimates import TargetEstimate, TargetState
+from calib.tracking.targets import Tracker
 from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make
 
 CUT_M = 10.0

@@ -13,13 +13,13 @@ import numpy as np
 
 from calib.geodesy import Origin, R_ecef_enu, enu_to_ecef
 from calib.network import Camera
-from calib.tracking.targets import MISLED, TargetEstimate, TargetState
+from calib.tracking.estimates import TargetEstimate, TargetState
+from calib.tracking.targets import MISLED
 from edge.common.arrays import Array
 from edge.messages import Target
 
 UPPER: Final = np.triu_indices(6)
 FARTHEST_M: Final = 100_000.0  # from the site's origin: nothing optical sees farther
-LARGEST_SIGMA_M: Final = 50.0  # one sigma: more is not a position
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,9 @@ class OutgoingTarget:
 class TargetExport:
     """Estimates of the site's frame as targets in WGS 84. Cached per origin: this runs for every frame."""
 
-    def __init__(self, cameras: Iterable[str], min_cameras: int) -> None:
+    def __init__(self, cameras: Iterable[str], min_cameras: int, max_sigma_m: float) -> None:
         self._bit = {camera: 1 << k if k < 32 else 0 for k, camera in enumerate(cameras)}
-        self._min_cameras = min_cameras
+        self._min_cameras, self._max_sigma_m = min_cameras, max_sigma_m
         self._doubted_enu, self._doubt_rad = np.zeros(3), 0.0
         self._origin: Origin | None = None
         self._R = np.eye(3)
@@ -101,7 +101,7 @@ class TargetExport:
             return None
         spread = np.linalg.eigvalsh(P)
         sigma_m = float(np.sqrt(max(np.linalg.eigvalsh(P[:3, :3])[-1], 0.0)))
-        if spread[0] < -1e-9 * spread[-1] or (sigma_m > LARGEST_SIGMA_M and e.state is not TargetState.LOST):
+        if spread[0] < -1e-9 * spread[-1] or (sigma_m > self._max_sigma_m and e.state is not TargetState.LOST):
             return None
         turned = np.empty((6, 6))
         turned[:3, :3], turned[:3, 3:] = R @ P[:3, :3] @ R.T, R @ P[:3, 3:] @ R.T

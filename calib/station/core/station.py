@@ -27,9 +27,11 @@ from calib.station.core.jobs import SolveJob, SolveResult
 from calib.station.core.outgoing import OutgoingTarget, TargetExport
 from calib.station.core.positions import Positions
 from calib.station.core.stored_state import StoredState
+from calib.station.core.unused import unused
 from calib.station.core.window import Window
+from calib.tracking.estimates import TargetState
 from calib.tracking.options import Limits, TrackerOptions
-from calib.tracking.targets import TargetState, Tracker
+from calib.tracking.targets import Tracker
 from edge.common.health import Check, HealthLevel
 from edge.common.units import NS
 from edge.health import HealthBoard
@@ -71,10 +73,12 @@ class Station:
         self.positions = Positions(cameras, config.site.origin or (memory.network.origin if memory.network else None))
         self.calibration = Calibration(config.calibration, names, config.site.name)
         self.guard = Guard()
-        self._export = TargetExport(names, tracking.min_cameras)
+        self._export = TargetExport(names, tracking.min_cameras, tracking.max_sigma_m)
         self._options = TrackerOptions(
             reorder_horizon_s=tracking.reorder_horizon_s,
             coast_s=tracking.coast_s,
+            max_sigma_m=tracking.max_sigma_m,
+            max_sigma_share=tracking.max_sigma_share,
             limits=Limits(max_range_m=tracking.max_range_m, max_speed_m_s=tracking.max_speed_m_s),
         )
         self.tracker: Tracker | None = None
@@ -386,6 +390,8 @@ class Station:
         counters = dict(self.counters)
         if self.tracker is not None:
             counters |= {f"tracker_{name}": count for name, count in self.tracker.counters.items()}
+            counters["targets_of_one_camera"] = self.tracker.alone
+            checks += unused(self.tracker.refused(), self._options)
         counters["refused_targets"] = self._export.refused
         self.health = self._board.update(now_unix_ns, checks + self.extra_checks, counters, now_ns=now_ns)
         return self.health

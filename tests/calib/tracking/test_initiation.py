@@ -3,8 +3,8 @@
 import numpy as np
 
 from calib.tracking.initiation import initiate
-from calib.tracking.motion import Singer
-from calib.tracking.options import Limits
+from calib.tracking.options import Limits, TrackerOptions
+from calib.tracking.searches import STRAIGHT
 from calib.tracking.tracklets import LooseRay, NewTrack, tracklets
 from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make
 
@@ -25,8 +25,8 @@ def loose(scene: Scene, cameras: set[int]) -> list[LooseRay]:
 
 
 def initiated(scene: Scene, cameras: set[int], limits: Limits = LIMITS) -> list[NewTrack]:
-    found = tracklets(loose(scene, cameras), scene.network, SPEC.duration_s)
-    return initiate(found, scene.network, Singer(), limits, SPEC.duration_s)
+    found = tracklets(loose(scene, cameras), scene.network, STRAIGHT, SPEC.duration_s)
+    return initiate(found, scene.network, TrackerOptions(limits=limits), STRAIGHT, SPEC.duration_s)
 
 
 def test_each_object_begins_one_track_where_it_is_with_every_camera_that_saw_it() -> None:

@@ -8,7 +8,8 @@ import pytest
 from scipy.stats import chi2
 
 from calib.observations import Frame
-from calib.tracking.targets import TargetEstimate, TargetState, Tracker
+from calib.tracking.estimates import TargetEstimate, TargetState
+from calib.tracking.targets import Tracker
 from tools.doubles.faults import VICTIM, CameraFault, faulty_frames
 from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, frames, make
 

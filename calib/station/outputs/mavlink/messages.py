@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common
 from calib.geodesy import Origin, enu_to_geodetic
 from calib.station.core.outgoing import UPPER, OutgoingTarget
 from calib.station.outputs.mavlink import dialect
-from calib.tracking.targets import TargetState
+from calib.tracking.estimates import TargetState
 
 COMPONENT_GCS: Final = common.MAV_COMP_ID_ADSB  # 156
 # ECEF from a component of its own: on a shared one, receivers that do not know the dialect report 66 % packet loss.

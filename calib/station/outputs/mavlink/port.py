@@ -25,7 +25,7 @@ from calib.station.outputs.mavlink.identity import Clashes
 from calib.station.outputs.mavlink.messages import MavlinkContext, TrackerStatus
 from calib.station.outputs.mavlink.timesync import asks_us, timesync_answer
 from calib.station.outputs.output import CommandHandler
-from calib.tracking.targets import TargetState
+from calib.tracking.estimates import TargetState
 from edge.common.units import NS
 
 LOST_REPEATS: Final = 3  # UDP loses one in a hundred, hardly three in a row

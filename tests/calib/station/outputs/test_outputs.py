@@ -122,7 +122,7 @@ def test_what_a_thread_sends_is_recorded_by_the_loop(until: Until) -> None:
     def record(endpoint: str, frame: bytes) -> None:
         recorded.append((endpoint, frame, threading.current_thread().name))
 
-    targets: list[OutgoingTarget] = TargetExport(["cam0"], 2).to_wgs84([], ORIGIN)
+    targets: list[OutgoingTarget] = TargetExport(["cam0"], 2, 50.0).to_wgs84([], ORIGIN)
     with ThreadedOutput("own", open_one, record) as output:
         output.targets([*targets, None], 0, True)  # type: ignore[list-item]
 

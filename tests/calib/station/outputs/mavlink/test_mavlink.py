@@ -21,7 +21,7 @@ from calib.station.outputs.mavlink.identity import Clashes, identity_of
 from calib.station.outputs.mavlink.messages import ANY_STATION, MavlinkContext, TrackerStatus
 from calib.station.outputs.mavlink.port import MavlinkPort
 from calib.station.outputs.mavlink.timesync import target_of
-from calib.tracking.targets import TargetEstimate, TargetState
+from calib.tracking.estimates import TargetEstimate, TargetState
 from edge.common.errors import ConfigError
 
 ORIGIN = (47.4085, 8.5071, 580.0)
@@ -44,7 +44,7 @@ def target(**changes: object) -> OutgoingTarget:
         age_s=0.25,
         quality=1.0,
     )
-    sent = TargetExport(["cam0", "cam1", "cam2"], 2).to_wgs84([replace(estimate, **changes)], ORIGIN)  # type: ignore[arg-type]
+    sent = TargetExport(["cam0", "cam1", "cam2"], 2, 50.0).to_wgs84([replace(estimate, **changes)], ORIGIN)  # type: ignore[arg-type]
     return sent[0]
 
 
@@ -137,7 +137,7 @@ def test_lost_is_said_three_times_and_then_nothing() -> None:
     ids=["nan", "infinite", "not a covariance", "useless", "elsewhere"],
 )
 def test_what_is_no_position_never_leaves(broken: dict[str, object]) -> None:
-    export = TargetExport(["cam0"], 2)
+    export = TargetExport(["cam0"], 2, 50.0)
     with pytest.raises(IndexError):
         target(**broken)
     assert export.refused == 0
