@@ -36,7 +36,7 @@ class Pairing:
 
 
 @dataclass(frozen=True)
-class Candidates:
+class PossiblePairs:
     """What target and detection may be one (N, K), whether the label says so (N, K); confirmed targets (N,)."""
 
     possible: NDArray[np.bool_]
@@ -44,7 +44,7 @@ class Candidates:
     confirmed: NDArray[np.bool_]
 
 
-def pair(expected: Expected, rays: Rays, size_px: tuple[int, int], candidates: Candidates) -> Pairing:
+def pair(expected: Expected, rays: Rays, size_px: tuple[int, int], candidates: PossiblePairs) -> Pairing:
     """Which target is which detection. Confirmed targets choose first; what they leave is the tentative ones'."""
     possible, same, confirmed = candidates.possible, candidates.same, candidates.confirmed
     if not possible.any():

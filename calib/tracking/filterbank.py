@@ -242,10 +242,10 @@ class FilterBank:
         pose = np.matmul(pose, sighting.by_pose.transpose(0, 2, 1))
         return Expected(sighting, drift, seen + shared + shared.transpose(0, 2, 1) + pose)
 
-    def update(self, prediction: PredictedStates, which: NDArray[np.intp], look: "Look") -> Array:
+    def update(self, prediction: PredictedStates, which: NDArray[np.intp], look: "Look") -> tuple[Array, Array]:
         """Let targets `which` (K,) take one ray each.
 
-        Returns each one's normalised innovation squared (NIS) (K,), 2 degrees of freedom.
+        Returns innovations (K, 2), px, and each one's normalised square (NIS) (K,), 2 degrees of freedom.
         """
         at = pose_of(look.camera)
         transition, with_pose = prediction.transition[which], self.with_poses[which, :, at]
@@ -256,7 +256,8 @@ class FilterBank:
             self.network.covariance[at, at],
         )
         line = before.linearised(look.sighting, look.rays)
-        mahalanobis2: Array = np.einsum("ni,nij,nj->n", line.innovation, line.inverse, line.innovation)
+        innovation = line.innovation
+        mahalanobis2: Array = np.einsum("ni,nij,nj->n", innovation, line.inverse, innovation)
         for _ in range(1, LOOKS):
             after = before.state + np.matmul(line.gain_there, line.innovation[:, :, None])[:, :, 0]
             if not before.far(line, after, look.view.camera.centre_enu):
@@ -266,7 +267,7 @@ class FilterBank:
                 break
             line = before.linearised(again, look.rays, after)
         self._take(prediction, which, line, at)
-        return mahalanobis2
+        return innovation, mahalanobis2
 
     def _take(self, prediction: PredictedStates, which: NDArray[np.intp], line: _Line, at: slice) -> None:
         passed_s = prediction.base_t_s[which] - self.t_s[which]

@@ -40,17 +40,16 @@ class _Head:
         after_s = t_s - self.t_s
         return math.hypot(u_px - self.u_px - du * after_s, v_px - self.v_px - dv * after_s)
 
-    def move(self, label: int, t_s: float, u_px: float, v_px: float) -> None:
+    def move(self, t_s: float, u_px: float, v_px: float) -> None:
         """Go on to a new detection; one older than the last tells nothing of where it is now."""
         after_s = t_s - self.t_s
-        self.label = label
         if after_s <= 0:
             return
         self.motion_px_s = ((u_px - self.u_px) / after_s, (v_px - self.v_px) / after_s)
         self.t_s, self.u_px, self.v_px = t_s, u_px, v_px
 
 
-class Numbering:
+class PictureNumbers:
     """The objects in one camera's picture. focal_px: what turns angles into pixels."""
 
     def __init__(self, focal_px: float) -> None:
@@ -96,10 +95,17 @@ class Numbering:
             number, self._next = self._next, self._next + 1
             self._heads[number] = _Head(number, label, t_s, u_px, v_px)
         else:
-            self._heads[number].move(label, t_s, u_px, v_px)
+            self._heads[number].move(t_s, u_px, v_px)
         if label > 0:
-            self._by_label[label] = number
+            self._call(self._heads[number], label)
         return number
+
+    def _call(self, head: _Head, label: int) -> None:
+        """The box calls an object so from now on."""
+        if head.label != label and self._by_label.get(head.label) == head.number:
+            del self._by_label[head.label]
+        head.label = label
+        self._by_label[label] = head.number
 
     def _forget(self, t_s: float) -> None:
         while len(self._heads) > MOST_HEADS or self._oldest_s() < t_s - REMEMBERED_S:

@@ -29,8 +29,8 @@ class TrackerOptions:
 
     reorder_horizon_s: float = 0.5  # an out-of-sequence measurement may be so late and still count
     coast_s: float = 2.5  # without a measurement for so long a target is lost
-    max_sigma_m: float = 100.0  # of position, one sigma, largest axis: more is no use to anybody
-    max_sigma_share: float = 0.03  # of the range from the nearest camera: so far off, less is of use
+    max_sigma_m: float = 150.0  # of position, one sigma, largest axis: more is no use to anybody
+    max_sigma_share: float = 0.05  # of the range from the nearest camera: so far off, less is of use
     motion: Singer = field(default_factory=Singer)
     limits: Limits = field(default_factory=Limits)
 

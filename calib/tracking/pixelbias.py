@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from calib.network import Camera, Network, pose_of
+from edge.common.arrays import Array
 
 MEMORY_S: Final = 1.0  # s the filter looks back on while an object turns: errors that last longer it cannot tell
 WHITE_S: Final = 0.1  # s: errors gone so soon are noise: a few frames
@@ -28,11 +29,16 @@ def bias_rad(camera: Camera) -> float:
     return camera.sigma_px * float(np.sqrt(share)) / min(camera.lens.intrinsics[:2])
 
 
-def with_bias(network: Network) -> Network:
-    """The network with every camera's lasting pixel error in its attitude's covariance, each camera's its own."""
+def with_bias(network: Network, learnt_px: Array | None = None) -> Network:
+    """The network with every camera's lasting pixel error in its attitude's covariance, each camera's its own.
+
+    learnt_px: (C,) one sigma of what was seen to last beyond what the network says.
+    """
     covariance = network.covariance.copy()
+    learnt_px = np.zeros(len(network.cameras)) if learnt_px is None else learnt_px
     for k, camera in enumerate(network.cameras):
         # Turns about the image's axes move a pixel; one about the third does not.
         across = pose_of(k).start + np.arange(2)
-        covariance[across, across] += bias_rad(camera) ** 2
+        learnt_rad = learnt_px[k] / min(camera.lens.intrinsics[:2])
+        covariance[across, across] += bias_rad(camera) ** 2 + learnt_rad**2
     return replace(network, covariance=covariance)

@@ -15,17 +15,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.network import Network
+from calib.network import Network, pose_of
 from calib.observations import Frame
 from calib.sighting import CameraView, Sighting
-from calib.tracking.association import MISSED, Candidates, Pairing, pair
+from calib.tracking.association import MISSED, Pairing, PossiblePairs, pair
 from calib.tracking.common_now import CommonNow
 from calib.tracking.estimates import TargetEstimate, TargetState
 from calib.tracking.filterbank import FilterBank, Look, PredictedStates, Rays
 from calib.tracking.initiation import initiate
 from calib.tracking.lone import LoneTargets
-from calib.tracking.numbering import Numbering
+from calib.tracking.numbering import PictureNumbers
 from calib.tracking.options import TrackerOptions
+from calib.tracking.pixel_errors import Looks, PixelErrors
 from calib.tracking.pixelbias import with_bias
 from calib.tracking.searches import SEARCHES, STRAIGHT
 from calib.tracking.track_scores import AssociationEvidence, TrackScores
@@ -39,12 +40,15 @@ COASTS_AFTER_S: Final = 0.5  # s without a measurement: several frames of the sl
 HALF_OUTSIDE_PX: Final = 12.0  # a target so near the image's edge may be half outside: not seeing it proves nothing
 TENTATIVE_S: Final = 1.5  # s a tentative target may go unseen
 TOO_FAST: Final = 1.5  # times the greatest speed: a target that was believed is given more than a new one
-NOWHERE: Final = 0.3  # of its range that a target's sigma may be: beyond, a filter about its guess is none
+SIGMA_OF_RANGE: Final = 0.3  # of its range that a target's sigma may be: beyond, a filter about its guess is none
+LEARNT_PX: Final = 0.2  # px: a lasting error that changed by less goes on counting as before
+LEARNT: Final = 0.2  # of itself: likewise
+SUREST_PX: Final = 0.02  # px: no detector is surer of an object's middle, whatever it says
 MISLED: Final = 2.0  # times what one camera's ray is off, a target may be: two rays that cross at 30 degrees
 
 
 @dataclass(frozen=True)
-class Refusals:
+class NotUsed:
     """What was not used: frames beyond the horizon, by camera, s late; targets too uncertain, the surest's sigma."""
 
     late_s: dict[str, float]
@@ -69,11 +73,12 @@ class Tracker:
         self._options = options or TrackerOptions()
         self._bank = FilterBank(with_bias(network), self._options.motion)
         self._scores = TrackScores(len(network.cameras))
+        self._errors = PixelErrors(len(network.cameras))
         self._loose: deque[LooseRay] = deque(maxlen=LOOSE_RAYS)
         self._next_track = first_track
         self._common = CommonNow()
         self._lone = LoneTargets()
-        self._refused = Refusals({}, None)
+        self._refused = NotUsed({}, None)
         self._newest_s = -np.inf
         self._scanned_s = -np.inf
         self.counters: Counter[str] = Counter()
@@ -81,8 +86,9 @@ class Tracker:
 
     def _adopt(self, network: Network) -> None:
         self._network = network
+        self._told, self._lasting_px = with_bias(network), np.zeros(len(network.cameras))
         self._views = [CameraView.of(camera) for camera in network.cameras]
-        self._numbering = [Numbering(min(camera.lens.intrinsics[:2])) for camera in network.cameras]
+        self._numbering = [PictureNumbers(min(camera.lens.intrinsics[:2])) for camera in network.cameras]
         self._centres_enu = np.array([camera.centre_enu for camera in network.cameras])
         self._number = {camera.id: k for k, camera in enumerate(network.cameras)}
 
@@ -111,6 +117,7 @@ class Tracker:
         kept = [self._number.get(camera.id, -1) for camera in network.cameras]
         self._bank.exchange(with_bias(network))
         self._scores.exchange(kept, shift_s)
+        self._errors.exchange(kept)
         self._common.shift(shift_s)
         self._lone.shift(shift_s)
         self._newest_s += shift_s
@@ -157,14 +164,15 @@ class Tracker:
 
     def _take(self, number: int, frame: Frame, t_s: float, rows_s: Array) -> list[int]:
         self._newest_s = max(self._newest_s, t_s)
-        rays = Rays(frame.pixels, rows_s - t_s, frame.sigma_px)
+        sigma_px = np.maximum(frame.sigma_px, SUREST_PX) * np.sqrt(self._errors.white[number])
+        rays = Rays(frame.pixels, rows_s - t_s, sigma_px)
         label = self._numbering[number].number(frame.label, frame.pixels, frame.sigma_px, t_s)
         self._lone.note(frame.camera, label, t_s)
         taken, moved = self._associate(number, label, rays, t_s)
         for k in np.nonzero(~taken)[0]:
             u, v = frame.pixels[k]
             self._loose.append(
-                LooseRay(number, int(label[k]), float(rows_s[k]), float(u), float(v), float(frame.sigma_px[k]))
+                LooseRay(number, int(label[k]), float(rows_s[k]), float(u), float(v), float(sigma_px[k]))
             )
         return moved
 
@@ -194,16 +202,30 @@ class Tracker:
     ) -> Pairing:
         expected = self._bank.expect(prediction, scan.sighting, scan.number)
         size_px = self.network.cameras[scan.number].lens.size_px
-        return pair(expected, scan.rays, size_px, Candidates(possible, same, self._scores.confirmed))
+        return pair(expected, scan.rays, size_px, PossiblePairs(possible, same, self._scores.confirmed))
 
     def _hit(self, scan: "_Scan", prediction: PredictedStates, pairing: Pairing) -> None:
         if not len(pairing):
             return
         which, detection = pairing.which, pairing.detection
         look = Look(scan.number, self._views[scan.number], scan.sighting.chosen(which), scan.rays.chosen(detection))
-        mahalanobis2 = self._bank.update(prediction, which, look)
+        innovation_px, mahalanobis2 = self._bank.update(prediction, which, look)
+        self._learn(scan, pairing, innovation_px)
         evidence = AssociationEvidence(scan.label[detection], pairing.gain - mahalanobis2 / 2, mahalanobis2)
         self._scores.hit(scan.number, which, scan.t_s, evidence)
+
+    def _learn(self, scan: "_Scan", pairing: Pairing, innovation_px: Array) -> None:
+        """How wrong this camera's pixels are, by targets that are believed."""
+        sure = self._scores.confirmed[pairing.which]
+        which, detection = pairing.which[sure], pairing.detection[sure]
+        if not len(which):
+            return
+        by_pose, at = scan.sighting.by_pose[which], pose_of(scan.number)
+        by_pose_px2 = np.einsum("kij,jl,kil->k", by_pose, self._told.covariance[at, at], by_pose) / 2
+        claimed_px2 = scan.rays.sigma_px[detection] ** 2 / self._errors.white[scan.number]
+        watching = self._scores.watching(scan.t_s)[which]
+        looks = Looks(scan.rays.pixels[detection], innovation_px[sure], claimed_px2, by_pose_px2, watching)
+        self._errors.learn(scan.number, which, scan.t_s, looks)
 
     def _follow_turns(self, scan: "_Scan", prediction: PredictedStates, held: NDArray[np.bool_]) -> Pairing:
         """A target that its camera missed, and a detection outside its gate that bears its number: it has turned.
@@ -230,7 +252,15 @@ class Tracker:
         self._initiate_tracks(min(now_s, self._common.now_s))
         self._scores.confirm()
         self._scores.hold_back_unseen(now_s)
+        self._allow_for_what_stays()
         return self._delete_tracks(now_s)
+
+    def _allow_for_what_stays(self) -> None:
+        """Filter with what was learnt of cameras' lasting errors, when it has changed by more than a little."""
+        learnt_px = self._errors.lasting_px
+        if (np.abs(learnt_px - self._lasting_px) > LEARNT_PX + LEARNT * self._lasting_px).any():
+            self._lasting_px = learnt_px
+            self._bank.exchange(with_bias(self._network, learnt_px))
 
     def _initiate_tracks(self, now_s: float) -> None:
         """Search up to what two cameras have come to: the newest of a fast one has no company yet."""
@@ -250,6 +280,7 @@ class Tracker:
         heir = self._lone.heir({(self.network.cameras[camera].id, label) for camera, label in new.seen_by})
         self._bank.add(new.state, new.covariance, new.with_poses, new.t_s)
         self._scores.add(self._next_track if heir is None else heir, new.t_s, new.seen_by)
+        self._errors.add()
         self._next_track += heir is None
         self.counters["born"] += 1
 
@@ -263,7 +294,7 @@ class Tracker:
         alone &= self._scores.watching(now_s) == 1
         for k in np.nonzero(alone)[0].tolist():
             self._leave_alone(k, now_s)
-        ended = self._end(deleted | alone | (sigma_m > NOWHERE * range_m), now_s)
+        ended = self._end(deleted | alone | (sigma_m > SIGMA_OF_RANGE * range_m), now_s)
         return ended + self._lone.end(now_s - self._options.coast_s)
 
     def _spread(self, state: Array, covariance: Array) -> tuple[Array, Array]:
@@ -316,11 +347,12 @@ class Tracker:
         self.counters["lost"] += len(lost)
         self._bank.keep(~ended)
         self._scores.keep(~ended)
+        self._errors.keep(~ended)
         return lost
 
-    def refused(self) -> Refusals:
+    def refused(self) -> NotUsed:
         """What was not used, and why, since this was asked last."""
-        said, self._refused = self._refused, Refusals({}, None)
+        said, self._refused = self._refused, NotUsed({}, None)
         return said
 
     def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[TargetEstimate]:

@@ -75,6 +75,11 @@ def make(spec: Spec) -> Scene:
     """The scene of a spec; same spec, same scene, on every processor."""
     rng = np.random.default_rng(spec.seed)
     watched = watch(describe(spec, rng))
+    return Scene(spec, watched, network_of(spec, watched, rng))
+
+
+def network_of(spec: Spec, watched: Watched, rng: np.random.Generator) -> Network:
+    """The network that a tracker is given: the true one, off by errors of its own covariance."""
     sigma = np.array([spec.sigma_attitude_rad] * 3 + [spec.sigma_centre_m] * 3)
     # Drawn part by part: a factorisation of the whole covariance hangs on the processor's own linear algebra.
     error = sigma * rng.normal(size=(spec.cameras, POSE_SIZE)) + np.sqrt(SHARED) * sigma * rng.normal(size=POSE_SIZE)
@@ -82,8 +87,7 @@ def make(spec: Spec) -> Scene:
     estimated = tuple(
         perturbed(camera, -change) for camera, change in zip(true_network(watched).cameras, error, strict=True)
     )
-    network = Network("bench", ORIGIN, T0_UNIX_NS, estimated, covariance, spec.noise_px)
-    return Scene(spec, watched, network)
+    return Network("bench", ORIGIN, T0_UNIX_NS, estimated, covariance, spec.noise_px)
 
 
 def describe(spec: Spec, rng: np.random.Generator) -> Simulation:

@@ -5,11 +5,11 @@ object beyond what a short base can measure is simply never there.
 """
 
 from calib.tracking.options import TrackerOptions
-from calib.tracking.targets import Refusals
+from calib.tracking.targets import NotUsed
 from edge.common.health import Check
 
 
-def unused(refused: Refusals, options: TrackerOptions) -> list[Check]:
+def unused(refused: NotUsed, options: TrackerOptions) -> list[Check]:
     """One check for each camera that is late, and one for objects that are too uncertain."""
     checks = [_late(camera, late_s, options) for camera, late_s in sorted(refused.late_s.items())]
     return checks if refused.too_uncertain_m is None else [*checks, _uncertain(refused.too_uncertain_m, options)]
