@@ -56,7 +56,10 @@ def adjust(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds:
                 raise
             # Rows without any noise: weights grew until, beside pixels, a double did not hold the survey any more.
             return adjust(problem, begun[0], begun[1].at_least(LEAST_ADJUSTED_PX), rounds)
-        new = renewed(weights, estimate, at.fitted(), normal, factor)
+        try:
+            new = renewed(weights, estimate, at.fitted(), normal, factor)
+        except np.linalg.LinAlgError as error:
+            raise _undetermined() from error
         if (descent.settled and steady(weights, new)) or count == rounds:
             break
         weights = new
@@ -83,8 +86,12 @@ def _factorise(normal: Normal) -> Factor:
     try:
         return factorise(normal)
     except np.linalg.LinAlgError as error:
-        raise CalibrationError(
-            "the observations leave a direction undetermined",
-            where="adjustment",
-            action="fly a path with more height and width, or survey more cameras",
-        ) from error
+        raise _undetermined() from error
+
+
+def _undetermined() -> CalibrationError:
+    return CalibrationError(
+        "the observations leave a direction undetermined",
+        where="adjustment",
+        action="fly a path with more height and width, or survey more cameras",
+    )
