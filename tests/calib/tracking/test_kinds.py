@@ -38,3 +38,13 @@ def test_every_object_is_followed_under_one_number_with_a_true_sigma(name: str) 
     # A range of kilometres from a base of 90 m takes some seconds to be known at all.
     assert max(found.born_s) < (5.0 if "2.9 km" in name else 1.6)
     assert found.missed < 0.15 * found.seen  # of one camera alone: what is found again half a second after
+
+
+@pytest.mark.xfail(
+    strict=True, reason="rays that miss each other by half a box do not meet: found late, sigma too small"
+)
+def test_a_detector_that_puts_its_box_beside_the_object_is_seen_through_at_once() -> None:
+    (kind,) = (kind for kind in KINDS if kind.name == "box off by 0.25 m, three cameras")
+    found = score(kind, range(SEED, SEED + 1))
+    assert max(found.born_s) < 1.6
+    assert np.mean(found.nees) < 6.0
