@@ -41,10 +41,15 @@ class SourceConfig(Section, frozen=True, kw_only=True):
     """Where frames come from."""
 
     path: Annotated[
-        str, Meta(min_length=1, description="video file, image folder, /dev/videoN, rtsp://... or genicam://NAME")
+        str,
+        Meta(
+            min_length=1,
+            description="video file, image folder, /dev/videoN, rtsp://..., libcamera://0 or genicam://NAME",
+        ),
     ]
     kind: Annotated[
-        Literal["auto", "file", "v4l2", "rtsp", "folder", "genicam"], Meta(description="auto: what the path looks like")
+        Literal["auto", "file", "v4l2", "rtsp", "folder", "genicam", "libcamera"],
+        Meta(description="auto: what the path looks like"),
     ] = "auto"
     t0_unix_ns: Annotated[TimeNs | None, Meta(description="files: UTC of the first frame")] = None
     bound_s: Annotated[

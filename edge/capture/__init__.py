@@ -1,4 +1,4 @@
-"""Sources of frames behind one interface: V4L2, RTSP, video file, image folder."""
+"""Sources of frames behind one interface: V4L2, libcamera, GenICam, RTSP, video file, image folder."""
 
 import datetime as dt
 import re
@@ -14,6 +14,7 @@ from edge.capture.creation_time import creation_unix_s
 from edge.capture.folder import ImageFolder
 from edge.capture.frame import FrameSource, Image, Picture, Remark, TimeSource
 from edge.capture.genicam import GENICAM_SCHEME, GenicamCamera, aravis
+from edge.capture.libcamera import LIBCAMERA_SCHEME, LibcameraCamera, picamera2
 from edge.capture.live import RtspStream, open_rtsp
 from edge.capture.pacing import Realtime
 from edge.capture.v4l2 import V4l2Camera, V4l2Wish, open_v4l2
@@ -28,7 +29,7 @@ __all__ = ["FrameSource", "Image", "Picture", "TimeSource", "is_live", "is_lossl
 UNDATED_T_UNIX_NS: Final = 1_500_000_000 * 10**9
 UNDATED_BOUND_S: Final = None
 
-Kind = Literal["file", "v4l2", "rtsp", "folder", "genicam"]
+Kind = Literal["file", "v4l2", "rtsp", "folder", "genicam", "libcamera"]
 
 cv2.setNumThreads(1)  # frames are worked on side by side, by threads of our own, and not within one
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_WARNING)  # what it warns of is ours to know
@@ -43,20 +44,23 @@ def kind_of(camera: CameraConfig) -> Kind:
         return "rtsp"
     if source.path.startswith(GENICAM_SCHEME):
         return "genicam"
+    if source.path.startswith(LIBCAMERA_SCHEME):
+        return "libcamera"
     if re.match(r"/dev/video\d+$|/dev/v4l/", source.path):
         return "v4l2"
     if "://" in source.path:
         raise ConfigError(
             f"source {shown(source.path)} is of no known kind",
             where=f"camera {camera.id}",
-            action='give rtsp://..., genicam://NAME, a file, a folder or /dev/videoN, or say source.kind = "rtsp"',
+            action="give rtsp://..., libcamera://0, genicam://NAME, a file, a folder or /dev/videoN, or say which"
+            ' with source.kind = "rtsp"',
         )
     return "folder" if Path(source.path).is_dir() else "file"
 
 
 def is_live(camera: CameraConfig) -> bool:
     """Whether the source is a camera, to be opened again when it dies."""
-    return kind_of(camera) in ("v4l2", "rtsp", "genicam")
+    return kind_of(camera) in ("v4l2", "rtsp", "genicam", "libcamera")
 
 
 def is_lossless(camera: CameraConfig) -> bool:
@@ -99,6 +103,16 @@ def open_source(
             stamp_of=source.stamp_of,
             exposure_s=camera.exposure_s or source.exposure_s or 0.0,
             readout_s=camera.readout_s or 0.0,
+            delay_s=source.delay_s,
+            date=date,
+        )
+    if kind == "libcamera":
+        return LibcameraCamera(
+            picamera2(),
+            source.path.removeprefix(LIBCAMERA_SCHEME),
+            wish=V4l2Wish(source.size_px, None, source.fps, source.exposure_s, source.gain),
+            colour=colour,
+            timeout_s=source.timeout_s,
             delay_s=source.delay_s,
             date=date,
         )

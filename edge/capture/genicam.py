@@ -7,7 +7,6 @@ camera's is. And a setting that a camera rounds or refuses is read back and said
 """
 
 import importlib
-import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -17,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from edge.capture.debian_python import debian_modules
 from edge.capture.frame import Picture, Remark, StampOf, middle_of_exposure
 from edge.capture.grey import Contrast, as_wanted
 from edge.capture.v4l2 import OBEYED, StandingStill, V4l2Wish
@@ -25,7 +25,6 @@ from edge.common.errors import SourceError
 from edge.common.utc import Dated
 
 GENICAM_SCHEME: Final = "genicam://"
-DEBIAN_PYTHON: Final = "/usr/lib/python3/dist-packages"  # where python3-gi lies, which no package index carries
 BUFFERS: Final = 4  # one to fill, one to read, and two while this process is late
 TAI_AHEAD_S: Final = range(30, 46)  # s between TAI and UTC: 37 since 2017
 PTP_STATUS: Final = ("PtpStatus", "GevIEEE1588Status")
@@ -41,18 +40,15 @@ BAYER: Final = {
 
 def aravis() -> Any:
     """Aravis' own bindings. Raises SourceError where they are not installed."""
-    sys.path.append(DEBIAN_PYTHON)  # last: nothing of this environment is replaced by Debian's
     try:
-        gi = importlib.import_module("gi")
-        gi.require_version("Aravis", "0.8")
-        with warnings.catch_warnings():
+        with debian_modules(), warnings.catch_warnings():
+            gi = importlib.import_module("gi")
+            gi.require_version("Aravis", "0.8")
             warnings.simplefilter("ignore", ImportWarning)  # of its own way of importing
             return importlib.import_module("gi.repository.Aravis")
     except (ImportError, ValueError) as error:
         action = "install them: apt install python3-gi gir1.2-aravis-0.8, and run under Debian's own python3"
         raise SourceError(f"Aravis' bindings are missing ({error})", where=GENICAM_SCHEME, action=action) from error
-    finally:
-        sys.path.remove(DEBIAN_PYTHON)
 
 
 def utc_of_ptp(camera_ns: int, arrival_unix_ns: int) -> int | None:
