@@ -76,7 +76,7 @@ def test_what_is_sent_stands_where_it_flies(
         track=1, state=TargetState.CONFIRMED, t_unix_ns=time.time_ns(), position_enu=lens[0] + [0.0, 0.0, ABOVE_M],
         velocity_enu=np.zeros(3), covariance=np.eye(6), cameras=NAMES, age_s=0.0, quality=1.0,
     )  # fmt: skip
-    (target,) = TargetExport(NAMES, 2).to_wgs84([estimate], positions.origin)
+    (target,) = TargetExport(NAMES, 2, 50.0).to_wgs84([estimate], positions.origin)
     context = MavlinkContext(positions.origin, epoch=1, undulation_m=UNDULATION_M)
     drawn: common.MAVLink_adsb_vehicle_message = messages.adsb_vehicle(target, context)
     assert drawn.altitude / 1000 == pytest.approx(LENS.altitude_m + ABOVE_M, abs=0.003)
