@@ -71,6 +71,11 @@ class PictureNumbers:
             numbers[k] = self._note(numbers[k], own[k] if often[own[k]] == 1 else 0, t_s, u_px, v_px)
         return np.array(numbers, np.int64)
 
+    def shift(self, by_s: float) -> None:
+        """Another network counts from another instant."""
+        for head in self._heads.values():
+            head.t_s += by_s
+
     def _continue(
         self, left: list[int], numbers: list[int], rows: list[list[float]], sigma_px: list[float], t_s: float
     ) -> None:

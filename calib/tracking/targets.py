@@ -78,6 +78,8 @@ class Tracker:
         self._next_track = first_track
         self._common = CommonNow()
         self._lone = LoneTargets()
+        self._numbering: dict[str, PictureNumbers] = {}
+        self._lasting_px = np.zeros(len(network.cameras))
         self._refused = NotUsed({}, None)
         self._newest_s = -np.inf
         self._scanned_s = -np.inf
@@ -86,9 +88,11 @@ class Tracker:
 
     def _adopt(self, network: Network) -> None:
         self._network = network
-        self._told, self._lasting_px = with_bias(network), np.zeros(len(network.cameras))
+        self._told = with_bias(network)
         self._views = [CameraView.of(camera) for camera in network.cameras]
-        self._numbering = [PictureNumbers(min(camera.lens.intrinsics[:2])) for camera in network.cameras]
+        # By name, for they outlast a network: targets are held by the numbers of objects in a camera's picture.
+        for camera in network.cameras:
+            self._numbering.setdefault(camera.id, PictureNumbers(min(camera.lens.intrinsics[:2])))
         self._centres_enu = np.array([camera.centre_enu for camera in network.cameras])
         self._number = {camera.id: k for k, camera in enumerate(network.cameras)}
 
@@ -115,11 +119,14 @@ class Tracker:
         """Go on with another network, without a jump."""
         shift_s = (self.network.t_mid_unix_ns - network.t_mid_unix_ns) * 1e-9
         kept = [self._number.get(camera.id, -1) for camera in network.cameras]
-        self._bank.exchange(with_bias(network))
-        self._scores.exchange(kept, shift_s)
         self._errors.exchange(kept)
+        self._lasting_px = self._errors.lasting_px
+        self._bank.exchange(with_bias(network, self._lasting_px))
+        self._scores.exchange(kept, shift_s)
         self._common.shift(shift_s)
         self._lone.shift(shift_s)
+        for numbers in self._numbering.values():
+            numbers.shift(shift_s)
         self._newest_s += shift_s
         self._scanned_s += shift_s
         self._loose.clear()
@@ -166,7 +173,7 @@ class Tracker:
         self._newest_s = max(self._newest_s, t_s)
         sigma_px = np.maximum(frame.sigma_px, SUREST_PX) * np.sqrt(self._errors.white[number])
         rays = Rays(frame.pixels, rows_s - t_s, sigma_px)
-        label = self._numbering[number].number(frame.label, frame.pixels, frame.sigma_px, t_s)
+        label = self._numbering[frame.camera].number(frame.label, frame.pixels, frame.sigma_px, t_s)
         self._lone.note(frame.camera, label, t_s)
         taken, moved = self._associate(number, label, rays, t_s)
         for k in np.nonzero(~taken)[0]:
