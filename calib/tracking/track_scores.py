@@ -78,30 +78,13 @@ class TrackScores:
     def keep(self, which: NDArray[np.bool_]) -> None:
         """Forget all targets but those of a mask (N,)."""
         self.track = [track for track, kept in zip(self.track, which, strict=True) if kept]
-        for name in (
-            "confirmed",
-            "last_s",
-            "label",
-            "_initiated_s",
-            "_score",
-            "_fit",
-            "_hits",
-            "_frames",
-            "_seen_s",
-            "_astray_s",
-        ):
+        for name in (*BY_TARGET, *BY_CAMERA):
             setattr(self, name, getattr(self, name)[which])
 
     def exchange(self, kept: list[int], shift_s: float) -> None:
         """Another network: camera k of it was number kept[k], or -1 if it is new; times move by shift_s."""
         known = np.array(kept)
-        for name, empty in (
-            ("label", NO_LABEL),
-            ("_hits", 0),
-            ("_frames", 0),
-            ("_seen_s", -np.inf),
-            ("_astray_s", -np.inf),
-        ):
+        for name, empty in BY_CAMERA.items():
             old = getattr(self, name)
             setattr(self, name, np.where(known >= 0, old[:, np.maximum(known, 0)], empty).astype(old.dtype))
         for name in ("last_s", "_initiated_s", "_seen_s", "_astray_s"):
