@@ -37,6 +37,13 @@ class Adjusted:
     projected: tuple[Projected, ...]
     rounds: int
 
+    def told_sigma_px(self, index: int) -> float:
+        """Sigma of a camera's rows against what they claim, no smaller than a picture tells.
+
+        Rows without noise show only how a file was rounded: what is off by a little more is no worse for it.
+        """
+        return max(float(self.weights.sigma_px[index]), LEAST_ADJUSTED_PX)
+
 
 def adjust(problem: Problem, estimate: FlightEstimate, weights: Weights, rounds: int = WEIGHT_ROUNDS) -> Adjusted:
     """Adjust everything together, at most `rounds` times with weights renewed in between.

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.adjustment.bundle import LEAST_ADJUSTED_PX, Adjusted, adjust
+from calib.adjustment.bundle import Adjusted, adjust
 from calib.adjustment.noise import RAYLEIGH_MEDIAN, robust_weight
 from calib.adjustment.problem import Problem
 from calib.adjustment.projection import CameraData, Projected, project, site_time_s
@@ -143,8 +143,7 @@ def _held_out(adjusted: Adjusted, problem: Problem, near: list[list[NDArray[np.b
         if int(mask.sum()) < FEWEST_HELD:
             results.append(None)
         else:
-            # What is predicted of rows without noise is no worse for being a little off: no picture would tell.
-            noise = (max(float(adjusted.weights.sigma_px[index]), LEAST_ADJUSTED_PX) * rows.sigma_px) ** 2
+            noise = (adjusted.told_sigma_px(index) * rows.sigma_px) ** 2
             expected = float(np.sqrt(np.median(prediction_px2(again, problem, index, image) + noise)))
             results.append(HeldOut(int(mask.sum()), _sigma_px(image.residual), expected, _sigma_px(fitted)))
     return tuple(results)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from calib.adjustment.bundle import LAST_WEIGHT_ROUNDS, LEAST_ADJUSTED_PX, WEIGHT_ROUNDS, Adjusted, adjust
+from calib.adjustment.bundle import LAST_WEIGHT_ROUNDS, WEIGHT_ROUNDS, Adjusted, adjust
 from calib.adjustment.flight import FlightEstimate
 from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
 from calib.adjustment.problem import Problem
@@ -324,7 +324,7 @@ def _outcast(adjusted: Adjusted, problem: Problem) -> tuple[str, str] | None:
     for index in np.argsort(-noise).tolist():
         camera, image = adjusted.estimate.cameras[index], adjusted.projected[index]
         others = float(np.median(np.delete(noise, index)))
-        sigma = max(float(adjusted.weights.sigma_px[index]), LEAST_ADJUSTED_PX) * problem.data[index].sigma_px
+        sigma = adjusted.told_sigma_px(index) * problem.data[index].sigma_px
         share = float(np.mean(image.valid & (np.linalg.norm(image.residual, axis=1) < WITHIN_SIGMAS * sigma)))
         if len(noise) > 2 and noise[index] > COARSEST * others:
             return camera.id, (

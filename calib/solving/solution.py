@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.adjustment.bundle import LEAST_ADJUSTED_PX, Adjusted
+from calib.adjustment.bundle import Adjusted
 from calib.adjustment.problem import Problem
 from calib.adjustment.projection import (
     CAMERA_SIZE,
@@ -136,9 +136,7 @@ def rms_px(adjusted: Adjusted, problem: Problem) -> float:
 
 
 def _inside(adjusted: Adjusted, problem: Problem, index: int) -> NDArray[np.bool_]:
-    # Rows without noise show only how a file was rounded, and what is off by a little more is no outlier.
-    sigma_px = max(float(adjusted.weights.sigma_px[index]), LEAST_ADJUSTED_PX)
-    image, sigma = adjusted.projected[index], sigma_px * problem.data[index].sigma_px
+    image, sigma = adjusted.projected[index], adjusted.told_sigma_px(index) * problem.data[index].sigma_px
     inside: NDArray[np.bool_] = image.valid & (np.linalg.norm(image.residual, axis=1) < INSIDE_SIGMAS * sigma)
     return inside
 
