@@ -29,7 +29,7 @@ from calib.station.status.asking import Running, running_station
 from calib.station.survey.in_force import survey_file, twice_given, with_survey
 from edge.clock.monitor import read_clock
 from edge.common.errors import ConfigError
-from edge.common.health import Check
+from edge.common.health import SEVERITY, Check
 from edge.gnss.geoid import SITE_ZERO_M, contradiction, undulation_m
 from edge.gnss.receiver import Receiver
 from edge.gnss.trial import try_receiver
@@ -38,7 +38,6 @@ from edge.link.security import Bearer, check_security
 
 SENDS: Final = 3  # times that an output sends, so that what the network says of the first is heard
 BETWEEN_SENDS_S: Final = 0.15
-LEVELS: Final = ("ok", "warn", "fail")
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 ASKED_FOR: Final = ("versions", "recordings")  # findings that only the station that runs can have
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
@@ -172,7 +171,7 @@ def _sent(title: str, output: Output) -> Line:
         time.sleep(BETWEEN_SENDS_S)
         output.receive(time.time_ns(), time.time_ns(), lambda _: False)
         # What the network says of a datagram comes with the next one.
-        worst = max([worst, *output.checks(time.time_ns())], key=lambda check: LEVELS.index(check.level))
+        worst = max([worst, *output.checks(time.time_ns())], key=lambda check: SEVERITY[check.level])
     if worst.level == "ok":
         return Line("PASS", title, "+".join(each.content for each in output.status) or "opened")
     return Line(VERDICTS[worst.level], title, worst.reason, worst.action)

@@ -69,9 +69,8 @@ class UdpEndpoint(Endpoint):
         self._address = address
         family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        self._socket.setsockopt(
-            socket.SOL_SOCKET, socket.SO_BROADCAST, 1
-        )  # asked for by whoever writes such an address
+        # A broadcast is asked for by whoever writes such an address.
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._socket.setblocking(False)
 
     def send(self, frames: list[bytes], now_ns: int) -> None:
@@ -228,17 +227,13 @@ class _Waiting:
         """What is to be written next."""
         return self._begun + b"".join(self._frames)
 
-    def taken(self, count: int) -> int:
+    def taken(self, count: int) -> None:
         """The line has taken so many bytes of it."""
         left = count - len(self._begun)
-        if left < 0:
-            self._begun = self._begun[count:]
-            return count
-        self._begun = b""
+        self._begun = self._begun[count:]
         while left > 0:
             frame = self._frames.popleft()
             self._begun, left = frame[left:], left - len(frame)
-        return count
 
     def clear(self) -> None:
         """Forget everything: the line is another one."""
@@ -266,7 +261,9 @@ class SerialEndpoint(Endpoint):
         dropped = self._waiting.put(frames)
         try:
             # pyserial's own write, told not to wait, turns round and round for as long as the line takes nothing.
-            self.sent_bytes += self._waiting.taken(os.write(line.fileno(), self._waiting.next_bytes()))
+            written = os.write(line.fileno(), self._waiting.next_bytes())
+            self._waiting.taken(written)
+            self.sent_bytes += written
         except BlockingIOError:
             pass
         except (OSError, serial.SerialException) as error:
