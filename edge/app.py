@@ -19,6 +19,7 @@ import msgspec
 
 from edge import __version__
 from edge.common.errors import ConfigError, SkyfixError
+from edge.common.progress import write_over
 from edge.config import BoxConfig, load, load_box
 from edge.lens import DEFAULT_LENS, measured_names
 
@@ -177,9 +178,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _show_progress(line: str) -> None:
-    """One line that is written over, where somebody looks."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+    write_over(line, sys.stderr)
 
 
 def _lens(arguments: argparse.Namespace) -> int:

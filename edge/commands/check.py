@@ -24,7 +24,7 @@ from edge.config import BoxConfig, CameraConfig, DetectorConfig, load_lens
 from edge.detector.mask_file import load_mask
 from edge.detector.opening import open_detector, where_it_runs
 from edge.gnss.receiver import Receiver, check_antenna
-from edge.gnss.trial import Progress, silent, try_receiver
+from edge.gnss.trial import Telling, silent, try_receiver
 from edge.link.counterpart import Counterpart
 from edge.link.link import Link
 from edge.link.security import check_security
@@ -49,7 +49,7 @@ def _without_password(camera: CameraConfig) -> CameraConfig:
     return msgspec.structs.replace(camera, source=source)
 
 
-def check_box(config: BoxConfig, config_file: Path, progress: Progress = silent) -> Iterator[Check]:
+def check_box(config: BoxConfig, config_file: Path, progress: Telling = silent) -> Iterator[Check]:
     """One finding for each thing the box depends on. progress: told what is waited for."""
     yield Check("configuration", "ok", f"{config_file}: {len(config.camera)} cameras at site {config.site}")
     clock = ClockMonitor(config.clock)
@@ -135,7 +135,7 @@ def _check_frames(
     yield Check(f"detector {camera.id}", "ok", f"{pace}, {where_it_runs(detector)}")
 
 
-def check_receiver(receiver: Receiver, progress: Progress = silent) -> Check:
+def check_receiver(receiver: Receiver, progress: Telling = silent) -> Check:
     """What the receiver says once it has had the time to say it."""
     status = try_receiver(receiver, progress)
     return Check("gnss", status.level, f"{status.state}: {status.reason}", status.action)

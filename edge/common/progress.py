@@ -9,6 +9,13 @@ BAR_WIDTH: Final = 30  # characters
 DRAWN_EVERY_S: Final = 0.2
 
 
+def write_over(line: str, out: TextIO) -> None:
+    """Show a line in place of the one before, where somebody looks; an empty one takes it away."""
+    if out.isatty():
+        out.write(f"\r\x1b[K{line}")
+        out.flush()
+
+
 class Progress:
     """So much of `total` done; total 0 where nobody knows. Context manager: the line is gone when it is left."""
 
@@ -16,7 +23,6 @@ class Progress:
         self._what = what
         self._total = total
         self._out = out or sys.stderr
-        self._shown = self._out.isatty()
         self._began_s = self._drawn_s = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -25,17 +31,14 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._shown:
-            self._out.write("\r\x1b[K")
-            self._out.flush()
+        write_over("", self._out)
 
     def at(self, done: int) -> None:
         """Show that so much is done, unless it was shown a moment ago."""
         now_s = time.monotonic()
-        if self._shown and now_s - self._drawn_s >= DRAWN_EVERY_S:
+        if now_s - self._drawn_s >= DRAWN_EVERY_S:
             self._drawn_s = now_s
-            self._out.write("\r\x1b[K" + bar(self._what, done, self._total, now_s - self._began_s))
-            self._out.flush()
+            write_over(bar(self._what, done, self._total, now_s - self._began_s), self._out)
 
 
 def bar(what: str, done: int, total: int, passed_s: float) -> str:

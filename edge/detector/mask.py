@@ -23,6 +23,7 @@ LEAST_AREA_PX: Final = 1.0  # px²: what is smaller is a line or a point
 LEAST_LEFT: Final = 0.01  # share of the picture that has to be looked at
 EDGE_PX: Final = 0.5  # px by which corners may lie outside: pixels reach so far around their centres
 MASKED: Final = 255  # of a raster's pixels
+OUTLINE_BGR: Final = (80, 80, 255)  # of a region, where it is shown
 DRAWN_BITS: Final = 4  # of a pixel's fraction, that the raster is drawn with
 
 
@@ -141,6 +142,3 @@ def shaded(picture: Image, mask: Mask) -> Image:
     shown[covered] //= 2
     contours, _ = cv2.findContours(covered.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     return cv2.drawContours(shown, contours, -1, OUTLINE_BGR, 1)  # type: ignore[no-any-return]
-
-
-OUTLINE_BGR: Final = (80, 80, 255)

@@ -17,6 +17,8 @@ FOLLOWED_UP_NS: Final = 300_000_000  # ns for which a place where something was 
 PRESSED_NS: Final = 150_000_000  # ns of waiting from which on more places are looked at in a frame
 TURN_LATE_NS: Final = 500_000_000  # ns after which a place that waits is counted
 
+MOST_FOUND: Final = 1000  # places with finds that are remembered, before old ones are forgotten
+
 Place = tuple[int, int]
 
 
@@ -31,8 +33,9 @@ class Turns:
 
     def order(self, regions: Array, t_unix_ns: int) -> Array:
         """Regions `(N, 3)` in the order in which they are to be looked at: who waited longest, then as they come."""
-        since = [t_unix_ns - self._looked.get(place, -TURN_LATE_NS) for place in _places(regions)]
-        found = [0 <= t_unix_ns - self._found.get(place, t_unix_ns + 1) < FOLLOWED_UP_NS for place in _places(regions)]
+        places = _places(regions)
+        since = [t_unix_ns - self._looked.get(place, -TURN_LATE_NS) for place in places]
+        found = [0 <= t_unix_ns - self._found.get(place, t_unix_ns + 1) < FOLLOWED_UP_NS for place in places]
         waited = sorted(range(len(since)), key=lambda k: (-min(since[k], TURN_LATE_NS), k))
         again, others = [k for k in waited if found[k]], [k for k in waited if not found[k]]
         index = [k for pair in zip_longest(again, others) for k in pair if k is not None]
@@ -47,7 +50,7 @@ class Turns:
         for place in _places(centre_px):
             if t_unix_ns - self._found.get(place, 0) > FOLLOWED_UP_NS + TURN_LATE_NS:
                 self._found[place] = t_unix_ns
-        if len(self._found) > 1000:
+        if len(self._found) > MOST_FOUND:
             self._found = {place: t for place, t in self._found.items() if t_unix_ns - t < 2 * TURN_LATE_NS}
 
     def look(self, regions: Array, seen: int, t_unix_ns: int) -> None:

@@ -66,9 +66,8 @@ class TwoStage(StackDetector):
         """Where to look: at all that is followed, within reason, and at what else moves, in turns if it is too much."""
         limit = self._config.max_crops
         crops, seen = add([], expected, frame.size_px, FOLLOWED_TIMES * limit)
-        if seen < len(
-            expected
-        ):  # more tracks than may be looked at: in turns, and their gate bridges the frames between
+        # More tracks than may be looked at: in turns, and their gate bridges the frames between.
+        if seen < len(expected):
             expected = self._track_turns.order(expected, frame.t_unix_ns)
             crops, seen = add([], expected, frame.size_px, FOLLOWED_TIMES * limit)
             self._track_turns.look(expected, seen, frame.t_unix_ns)

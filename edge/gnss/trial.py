@@ -21,14 +21,14 @@ FINAL: Final = frozenset(
 )  # fmt: skip  # what the port itself says needs no patience
 TRYING_RATES: Final = frozenset({ReceiverState.SILENT, ReceiverState.UNREADABLE})
 
-Progress = Callable[[str], None]  # told what is waited for, and how it stands
+Telling = Callable[[str], None]  # told what is waited for, and how it stands
 
 
 def silent(_: str) -> None:
     """Nobody watches."""
 
 
-def try_receiver(receiver: Receiver, progress: Progress = silent) -> ReceiverStatus:
+def try_receiver(receiver: Receiver, progress: Telling = silent) -> ReceiverStatus:
     """Start a receiver, read it until its state is clear, and close it."""
     began_s, unfixed_since_s = time.monotonic(), None
     status = receiver.status()

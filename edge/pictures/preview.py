@@ -15,6 +15,7 @@ from typing import Final
 import cv2
 
 from edge.capture.frame import Image, Picture
+from edge.capture.grey import as_wanted
 from edge.common.atomic import write_atomically
 from edge.common.errors import ConfigError
 from edge.common.own_thread import OwnThread
@@ -40,9 +41,8 @@ def draw(frame: Picture, rows: list[TrackRow], level: str, line: str, mask: Mask
     """The frame as a JPEG with its tracks, a line of state, and what the mask leaves out in the dark."""
     scale = min(1.0, PREVIEW_WIDTH_PX / frame.image.shape[1])
     size = (round(frame.image.shape[1] * scale), round(frame.image.shape[0] * scale))
-    picture: Image = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
-    if picture.ndim == 2:
-        picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    resized: Image = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
+    picture = as_wanted(resized, colour=True)
     if mask is not None:
         picture = shaded(picture, mask)
     for row in rows:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.frame import Image, Picture
+from edge.capture.grey import as_wanted
 from edge.detector.mask import Mask, shaded
 from edge.messages import Detection, Tracks
 
@@ -88,7 +89,8 @@ class Sheet:
         frame = np.zeros((1, SHEET_WIDTH_PX), np.uint8) if self._frame is None else self._frame
         scale = SHEET_WIDTH_PX / frame.shape[1]
         size = (SHEET_WIDTH_PX, max(1, round(frame.shape[0] * scale)))
-        picture = _bgr(cv2.resize(frame, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR))
+        resized: Image = cv2.resize(frame, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+        picture = as_wanted(resized, colour=True)
         if self._mask is not None:
             picture = shaded(picture, self._mask)
         for number in numbers:
@@ -123,14 +125,10 @@ def near(image: Image, one: Detection) -> Image:
     if piece.size:
         scale = TILE_PX / max(piece.shape[:2])
         size = (max(1, round(piece.shape[1] * scale)), max(1, round(piece.shape[0] * scale)))
-        shown = _bgr(cv2.resize(piece, size, interpolation=cv2.INTER_NEAREST if scale > 1 else cv2.INTER_AREA))
+        resized: Image = cv2.resize(piece, size, interpolation=cv2.INTER_NEAREST if scale > 1 else cv2.INTER_AREA)
+        shown = as_wanted(resized, colour=True)
         tile[: shown.shape[0], : shown.shape[1]] = shown
     return tile
-
-
-def _bgr(image: Image) -> Image:
-    colours: Image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    return colours
 
 
 def _colour(number: int) -> tuple[int, int, int]:
