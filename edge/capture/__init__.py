@@ -12,13 +12,14 @@ import cv2
 from edge.capture.address import shown
 from edge.capture.creation_time import creation_unix_s
 from edge.capture.folder import ImageFolder
-from edge.capture.frame import FrameSource, Image, Picture, Remark, TimeSource
+from edge.capture.frame import FrameSource, Image, Picture, Remark, StampRule, TimeSource
 from edge.capture.genicam import GENICAM_SCHEME, GenicamCamera, aravis
 from edge.capture.libcamera import LIBCAMERA_SCHEME, LibcameraCamera, picamera2
 from edge.capture.live import RtspStream, open_rtsp
 from edge.capture.pacing import Realtime
-from edge.capture.v4l2 import V4l2Camera, V4l2Wish, open_v4l2
+from edge.capture.v4l2 import V4l2Camera, open_v4l2
 from edge.capture.video import VideoFile
+from edge.capture.wish import CameraWish
 from edge.common.errors import ConfigError
 from edge.common.utc import Dated
 from edge.config import CameraConfig
@@ -78,43 +79,19 @@ def open_source(
     """
     kind = kind_of(camera)
     source = camera.source
+    wish = CameraWish(source.size_px, source.pixel_format, source.fps, source.exposure_s, source.gain)
+    exposure_s = camera.exposure_s or source.exposure_s or 0.0
+    rule = StampRule(source.stamp_of, exposure_s, camera.readout_s or 0.0, source.delay_s)
     if kind == "v4l2":
-        wish = V4l2Wish(source.size_px, source.pixel_format, source.fps, source.exposure_s, source.gain)
         capture, remarks = open_v4l2(source.path, wish, source.timeout_s)
-        return V4l2Camera(
-            capture,
-            source.path,
-            colour=colour,
-            fps=source.fps,
-            remarks=remarks,
-            stamp_of=source.stamp_of,
-            exposure_s=camera.exposure_s or source.exposure_s or 0.0,
-            readout_s=camera.readout_s or 0.0,
-            delay_s=source.delay_s,
-            date=date,
-        )
+        return V4l2Camera(capture, source.path, colour=colour, rule=rule, fps=source.fps, remarks=remarks, date=date)
     if kind == "genicam":
-        return GenicamCamera(
-            aravis(),
-            source.path.removeprefix(GENICAM_SCHEME),
-            wish=V4l2Wish(fps=source.fps, exposure_s=source.exposure_s, gain=source.gain),
-            colour=colour,
-            timeout_s=source.timeout_s,
-            stamp_of=source.stamp_of,
-            exposure_s=camera.exposure_s or source.exposure_s or 0.0,
-            readout_s=camera.readout_s or 0.0,
-            delay_s=source.delay_s,
-            date=date,
-        )
+        name = source.path.removeprefix(GENICAM_SCHEME)
+        return GenicamCamera(aravis(), name, wish=wish, colour=colour, timeout_s=source.timeout_s, rule=rule, date=date)
     if kind == "libcamera":
+        name, delay_s = source.path.removeprefix(LIBCAMERA_SCHEME), source.delay_s
         return LibcameraCamera(
-            picamera2(),
-            source.path.removeprefix(LIBCAMERA_SCHEME),
-            wish=V4l2Wish(source.size_px, None, source.fps, source.exposure_s, source.gain),
-            colour=colour,
-            timeout_s=source.timeout_s,
-            delay_s=source.delay_s,
-            date=date,
+            picamera2(), name, wish=wish, colour=colour, timeout_s=source.timeout_s, delay_s=delay_s, date=date
         )
     if kind == "rtsp":
         stream = open_rtsp(source.path, source.timeout_s)

@@ -76,3 +76,20 @@ def middle_of_exposure(t_ns: int, stamp_of: StampOf, exposure_s: float, readout_
         "frame_end": -(readout_s + exposure_s / 2),
     }[stamp_of]
     return t_ns + round(offset_s * 1e9)
+
+
+@dataclass(frozen=True)
+class StampRule:
+    """Which instant of a frame a camera's stamps are of, and by how much each is late; seconds."""
+
+    stamp_of: StampOf = "middle"
+    exposure_s: float = 0.0
+    readout_s: float = 0.0
+    delay_s: float = 0.0
+
+    def middle_ns(self, t_ns: int) -> int:
+        """The middle of the first row's exposure, from a frame's stamp."""
+        return middle_of_exposure(t_ns - round(self.delay_s * 1e9), self.stamp_of, self.exposure_s, self.readout_s)
+
+
+AS_STAMPED: Final = StampRule()  # of a camera that stamps the middle, and at once

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.debian_python import debian_modules
-from edge.capture.frame import Picture, Remark, StampOf, middle_of_exposure
+from edge.capture.frame import AS_STAMPED, Picture, Remark, StampRule
 from edge.capture.grey import Contrast, as_wanted
-from edge.capture.v4l2 import OBEYED, StandingStill, V4l2Wish
+from edge.capture.standing_still import StandingStill
+from edge.capture.wish import CameraWish, not_obeyed
 from edge.capture.witnessed_stream import WitnessedStream
 from edge.common.errors import SourceError
 from edge.common.utc import Dated
@@ -70,21 +71,17 @@ class GenicamCamera:
         library: Any,
         name: str,
         *,
-        wish: V4l2Wish,
+        wish: CameraWish,
         colour: bool,
         timeout_s: float,
-        stamp_of: StampOf = "middle",
-        exposure_s: float = 0.0,
-        readout_s: float = 0.0,
-        delay_s: float = 0.0,
+        rule: StampRule = AS_STAMPED,
         date: Callable[[int], Dated],
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """Raises SourceError if it does not open, or gives pictures of a kind that is not read."""
         self._library, self._name, self._where = library, name, f"{GENICAM_SCHEME}{name}"
         self._colour, self._timeout_us = colour, round(timeout_s * 1e6)
-        self._stamp_of: StampOf = stamp_of
-        self._exposure_s, self._readout_s, self._delay_ns = exposure_s, readout_s, round(delay_s * 1e9)
+        self._rule = rule
         self._date, self._monotonic_ns = date, monotonic_ns
         self._stretch, self._still, self._clock = Contrast(), StandingStill(self._where), WitnessedStream()
         self._said: list[Remark] = []
@@ -107,7 +104,7 @@ class GenicamCamera:
                 action=f"set the camera to one of {known}: `arv-tool-0.8 control PixelFormat=Mono8`",
             )
 
-    def _ask(self, wish: V4l2Wish) -> None:
+    def _ask(self, wish: CameraWish) -> None:
         """Set what is wished, and note what the camera does instead."""
         camera = self._camera
         if wish.fps and camera.is_frame_rate_available():
@@ -125,9 +122,8 @@ class GenicamCamera:
             self._compare("a gain of {:g} dB", wish.gain, camera.get_gain())
 
     def _compare(self, what: str, asked: float, got: float) -> None:
-        if abs(got - asked) > OBEYED * max(abs(asked), 1e-9):
-            action = "choose one that the camera has: `arv-tool-0.8 features` lists them"
-            self._said.append(Remark(f"{what.format(asked)} was asked for, it has {got:g}", action))
+        action = "choose one that the camera has: `arv-tool-0.8 features` lists them"
+        self._said += not_obeyed(what, asked, got, action)
 
     def _ptp(self) -> bool:
         """Whether the camera's clock follows a PTP master; it is asked to, where it can."""
@@ -188,12 +184,8 @@ class GenicamCamera:
             image = cv2.cvtColor(image, BAYER[self._form])
         sent = utc_of_ptp(camera_ns, self._date(arrival_ns).t_unix_ns) if self._follows_ptp else None
         stamp = self._clock.stamp(camera_ns, arrival_ns, sent, self._date)
-        t_unix_ns = middle_of_exposure(
-            stamp.t_unix_ns - self._delay_ns, self._stamp_of, self._exposure_s, self._readout_s
-        )
-        return Picture(
-            t_unix_ns, as_wanted(self._stretch.apply(image), colour=self._colour), stamp.source, stamp.bound_s
-        )
+        shown = as_wanted(self._stretch.apply(image), colour=self._colour)
+        return Picture(self._rule.middle_ns(stamp.t_unix_ns), shown, stamp.source, stamp.bound_s)
 
     def close(self) -> None:
         """Let go of the camera."""

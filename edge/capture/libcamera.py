@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edge.capture.debian_python import debian_modules
-from edge.capture.frame import Picture, Remark, middle_of_exposure
+from edge.capture.frame import Picture, Remark, StampRule
 from edge.capture.grey import as_wanted
-from edge.capture.stamps import ARRIVAL_BOUND_S, SENSOR_BOUND_S
-from edge.capture.v4l2 import MONOTONIC_PLAUSIBLE_S, OBEYED, V4l2Wish
+from edge.capture.stamps import ARRIVAL_BOUND_S, MONOTONIC_PLAUSIBLE_S, SENSOR_BOUND_S
+from edge.capture.wish import CameraWish, not_obeyed
 from edge.common.errors import SourceError
 from edge.common.utc import Dated
 
@@ -55,7 +55,7 @@ class LibcameraCamera:
         library: Any,
         name: str,
         *,
-        wish: V4l2Wish,
+        wish: CameraWish,
         colour: bool,
         timeout_s: float,
         delay_s: float = 0.0,
@@ -65,7 +65,7 @@ class LibcameraCamera:
     ) -> None:
         """Raises SourceError if it does not open."""
         self._where, self._wish, self._colour = f"{LIBCAMERA_SCHEME}{name}", wish, colour
-        self._timeout_s, self._delay_ns, self._date = timeout_s, round(delay_s * 1e9), date
+        self._timeout_s, self._delay_s, self._date = timeout_s, delay_s, date
         self._monotonic_ns, self._asleep_ns = monotonic_ns, asleep_ns
         self._size_px = wish.size_px or USUAL_SIZE_PX
         self._frames, self._has = 0, dict[str, Any]()
@@ -95,16 +95,15 @@ class LibcameraCamera:
         """What it was asked for and does not do, once it has had the time."""
         if self._frames < SETTLED_FRAMES:
             return []
-        wish, found = self._wish, []
+        wish, found = self._wish, list[Remark]()
         duration_us = float(self._has.get("FrameDuration", 0.0))
         for what, asked, got in (
             ("a rate of {:g} frames a second", wish.fps, 1e6 / duration_us if duration_us else None),
             ("an exposure of {:g} s", wish.exposure_s, self._has.get("ExposureTime", 0.0) / 1e6),
             ("a gain of {:g}", wish.gain, self._has.get("AnalogueGain")),
         ):
-            if asked is not None and got is not None and abs(got - asked) > OBEYED * max(abs(asked), 1e-9):
-                action = "choose one that the sensor has: rpicam-hello lists its modes"
-                found.append(Remark(f"{what.format(asked)} was asked for, it has {got:g}", action))
+            if asked is not None and got is not None:
+                found += not_obeyed(what, asked, got, "choose one that the sensor has: rpicam-hello lists its modes")
         return found
 
     def read(self) -> Picture | None:
@@ -127,7 +126,7 @@ class LibcameraCamera:
         dated = self._date(arrival_ns if stamp_ns is None else stamp_ns)
         exposure_s = float(self._has.get("ExposureTime", 0.0)) / 1e6
         return Picture(
-            middle_of_exposure(dated.t_unix_ns - self._delay_ns, "exposure_end", exposure_s, 0.0),
+            StampRule("exposure_end", exposure_s, delay_s=self._delay_s).middle_ns(dated.t_unix_ns),
             as_wanted(self._shown(image), colour=self._colour),
             "arrival" if stamp_ns is None else "sensor",
             (ARRIVAL_BOUND_S if stamp_ns is None else SENSOR_BOUND_S) + dated.doubt_s,

@@ -16,6 +16,7 @@ SENDER_BOUND_S: Final = (
     0.005  # s: resolution of a sender report seen through the decoder, beside the sender's own clock
 )
 SENSOR_BOUND_S: Final = 0.002  # s: driver stamps jitter by a USB microframe to a scheduler tick
+MONOTONIC_PLAUSIBLE_S: Final = 10.0  # s: a driver stamp further than this from now is of another clock
 NETWORK_HOLDS_S: Final = 10.0  # s: what buffers on the way to a box hold of a video stream, and more
 MOST_DRIFT_PPM: Final = 100.0  # of a quartz without a thermostat, and some
 

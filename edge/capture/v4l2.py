@@ -3,89 +3,33 @@
 Two hazards. A driver takes every setting and does what it likes: another format, five frames a second where thirty were
 asked for, an exposure of its own. So what it was told is read back, the rate is counted, and what it does not obey is
 said. And one that hands out the same picture again, with a new stamp, shows where things were and not where they are:
-such pictures are passed over. A thermal camera does it for a second while it closes its shutter to calibrate; one that
-does it for longer is dead, and is opened again.
+such pictures are passed over (standing_still.py).
 """
 
-import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Final
 
 import cv2
-import numpy as np
 
-from edge.capture.frame import Picture, Remark, StampOf, middle_of_exposure
+from edge.capture.frame import AS_STAMPED, Picture, Remark, StampRule
 from edge.capture.grabber import Grabber, dead
 from edge.capture.grey import Contrast, as_wanted
-from edge.capture.stamps import ARRIVAL_BOUND_S, SENSOR_BOUND_S
+from edge.capture.stamps import ARRIVAL_BOUND_S, MONOTONIC_PLAUSIBLE_S, SENSOR_BOUND_S
+from edge.capture.standing_still import StandingStill
+from edge.capture.wish import OBEYED, CameraWish
 from edge.common.errors import SourceError
 from edge.common.utc import Dated
 
-log = logging.getLogger(__name__)
-
-MONOTONIC_PLAUSIBLE_S: Final = 10.0  # s: a driver stamp further than this from now is of another clock
 MANUAL_EXPOSURE: Final = 1  # V4L2_EXPOSURE_MANUAL
 EXPOSURE_UNIT_S: Final = 1e-4  # of V4L2_CID_EXPOSURE_ABSOLUTE
-OBEYED: Final = 0.1  # share by which a rate, exposure or gain may differ from what was asked: drivers have steps
 COUNTED_FRAMES: Final = 60  # over which the rate is counted
 SLOWER: Final = 0.7  # of the rate asked for, that is said
 DEEP_FORMATS: Final = frozenset({"Y16 ", "Y16", "Y14 ", "Y12 ", "Y10 "})  # grey of more than eight bits a pixel
-SAMPLED_EVERY: Final = 16  # rows, looked at first
-EVEN_PERCENTILES: Final = (5, 95)
-EVEN_RANGE: Final = 4  # steps between them, without which a picture is even, and no two of it can be told apart
-CALIBRATION_S: Final = 4.0  # s: the longest a shutter is closed; standing still for longer is a dead camera
-
-
-@dataclass(frozen=True)
-class V4l2Wish:
-    """What a camera is asked for; None for what it likes. exposure_s sets it to manual; gain in the driver's units."""
-
-    size_px: tuple[int, int] | None = None
-    pixel_format: str | None = None
-    fps: float | None = None
-    exposure_s: float | None = None
-    gain: float | None = None
-
-
-class StandingStill:
-    """Tells pictures that are the one before from new ones. A sensor's noise never is the same twice."""
-
-    def __init__(self, path: str) -> None:
-        self._path = path
-        self._last: Any = None
-        self._since_ns: int | None = None
-        self.repeated = 0
-
-    def repeats(self, image: Any, arrival_ns: int) -> bool:
-        """Whether a picture is the one before. Raises SourceError once that lasted longer than any calibration."""
-        if not self._same(image):
-            if self._since_ns is not None and (still_s := (arrival_ns - self._since_ns) / 1e9) > 0.2:
-                log.info("%s: the picture stood still for %.1f s, as at a shutter's calibration", self._path, still_s)
-            self._last, self._since_ns = image, None
-            return False
-        self.repeated += 1
-        self._since_ns = self._since_ns or arrival_ns
-        if arrival_ns - self._since_ns > CALIBRATION_S * 1e9:
-            action = "it is opened again by itself; else take its plug out and in, another cable, another port"
-            raise SourceError(
-                f"its picture has been frozen for more than {CALIBRATION_S:g} s", where=self._path, action=action
-            )
-        return True
-
-    def _same(self, image: Any) -> bool:
-        if self._last is None or self._last.shape != image.shape:
-            return False
-        rows = image[::SAMPLED_EVERY]
-        if not np.array_equal(self._last[::SAMPLED_EVERY], rows):
-            return False
-        low, high = np.percentile(rows, EVEN_PERCENTILES)  # black is black again
-        return bool(high - low >= EVEN_RANGE) and np.array_equal(self._last, image)
 
 
 class V4l2Camera:
-    """A camera of this box. Driver stamps are CLOCK_MONOTONIC at the instant `stamp_of`; else arrival counts.
+    """A camera of this box. Driver stamps are CLOCK_MONOTONIC at an instant by `rule`; else arrival counts.
 
     date: UTC of a monotonic stamp. remarks: what it did not obey.
     """
@@ -99,10 +43,7 @@ class V4l2Camera:
         path: str,
         *,
         colour: bool,
-        stamp_of: StampOf = "middle",
-        exposure_s: float = 0.0,
-        readout_s: float = 0.0,
-        delay_s: float = 0.0,
+        rule: StampRule = AS_STAMPED,
         fps: float | None = None,
         remarks: tuple[Remark, ...] = (),
         date: Callable[[int], Dated],
@@ -112,8 +53,7 @@ class V4l2Camera:
         self._capture = capture
         self._path = path
         self._colour = colour
-        self._stamp_of: StampOf = stamp_of
-        self._exposure_s, self._readout_s, self._delay_ns = exposure_s, readout_s, round(delay_s * 1e9)
+        self._rule = rule
         self._fps = fps
         self._said = remarks
         self._date = date
@@ -146,7 +86,7 @@ class V4l2Camera:
         monotonic_ns = stamp_ns if stamped else arrival_ns
         dated = self._date(monotonic_ns)
         return Picture(
-            middle_of_exposure(dated.t_unix_ns - self._delay_ns, self._stamp_of, self._exposure_s, self._readout_s),
+            self._rule.middle_ns(dated.t_unix_ns),
             as_wanted(self._stretch.apply(image), colour=self._colour),
             "sensor" if stamped else "arrival",
             (SENSOR_BOUND_S if stamped else ARRIVAL_BOUND_S) + dated.doubt_s,
@@ -173,7 +113,7 @@ class V4l2Camera:
         self._capture.release()
 
 
-def open_v4l2(path: str, wish: V4l2Wish, timeout_s: float) -> tuple[cv2.VideoCapture, tuple[Remark, ...]]:
+def open_v4l2(path: str, wish: CameraWish, timeout_s: float) -> tuple[cv2.VideoCapture, tuple[Remark, ...]]:
     """A camera device, asked for what is wished; and what it does instead. Raises SourceError if it does not open."""
     capture = cv2.VideoCapture(path, cv2.CAP_V4L2, [cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(timeout_s * 1e3)])
     if not capture.isOpened():
@@ -184,7 +124,7 @@ def open_v4l2(path: str, wish: V4l2Wish, timeout_s: float) -> tuple[cv2.VideoCap
     return capture, tuple(remarks)
 
 
-def ask(capture: Grabber, wish: V4l2Wish) -> list[Remark]:
+def ask(capture: Grabber, wish: CameraWish) -> list[Remark]:
     """Ask a camera for what is wished, and what it does instead."""
     if wish.pixel_format:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wish.pixel_format))
@@ -203,7 +143,7 @@ def ask(capture: Grabber, wish: V4l2Wish) -> list[Remark]:
     return disobeyed(capture, wish)
 
 
-def disobeyed(capture: Grabber, wish: V4l2Wish) -> list[Remark]:
+def disobeyed(capture: Grabber, wish: CameraWish) -> list[Remark]:
     """What a camera does instead of what it was asked for, by what it says itself."""
     found = []
     form = four_letters(capture)

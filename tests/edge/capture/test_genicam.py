@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from edge.capture.genicam import GenicamCamera, aravis, utc_of_ptp
-from edge.capture.v4l2 import V4l2Wish
+from edge.capture.wish import CameraWish
 from edge.common.errors import SourceError
 from edge.common.utc import Dated, UtcMapping
 from tests.edge.capture.sources import T0
@@ -76,7 +76,7 @@ class StandInAravis:
         )
 
     def camera(self, **options: Any) -> GenicamCamera:
-        options = {"wish": V4l2Wish(), "colour": False, "timeout_s": 2.0, **options}
+        options = {"wish": CameraWish(), "colour": False, "timeout_s": 2.0, **options}
         return GenicamCamera(self, "x", date=lambda t: Dated(t, 0.0), monotonic_ns=self.now_ns, **options)
 
 
@@ -109,7 +109,7 @@ def test_stamps_are_utc_and_inside_their_bound(ptp: str | None, ahead_s: float, 
 
 
 def test_what_it_does_not_obey_is_said() -> None:
-    wish = V4l2Wish(fps=30.0, exposure_s=0.002, gain=6.0)
+    wish = CameraWish(fps=30.0, exposure_s=0.002, gain=6.0)
     assert StandInAravis().camera(wish=wish).remarks == []
     said = StandInAravis(fixed_us=10_000).camera(wish=wish).remarks
     assert [remark.what for remark in said] == ["an exposure of 2000 us was asked for, it has 10000"]
@@ -140,7 +140,7 @@ def test_the_real_library_and_its_fake_camera() -> None:
         return
     library.enable_interface("Fake")
     library.update_device_list()
-    wish = V4l2Wish(fps=20.0, exposure_s=0.01)
+    wish = CameraWish(fps=20.0, exposure_s=0.01)
     camera = GenicamCamera(library, "Fake_1", wish=wish, colour=False, timeout_s=2.0, date=UtcMapping().date)
     try:
         stamps = [camera.read() for _ in range(5)]

@@ -9,7 +9,7 @@ import pytest
 
 from edge.capture.libcamera import LibcameraCamera, picamera2
 from edge.capture.stamps import ARRIVAL_BOUND_S, SENSOR_BOUND_S
-from edge.capture.v4l2 import V4l2Wish
+from edge.capture.wish import CameraWish
 from edge.common.errors import SourceError
 from edge.common.utc import Dated
 
@@ -69,11 +69,11 @@ class StandInPicamera2:
     def _release(self) -> None:
         self.released += 1
 
-    def camera(self, wish: V4l2Wish | None = None, *, colour: bool = False, asleep_s: float = 0.0) -> LibcameraCamera:
+    def camera(self, wish: CameraWish | None = None, *, colour: bool = False, asleep_s: float = 0.0) -> LibcameraCamera:
         return LibcameraCamera(
             self,
             "0",
-            wish=wish or V4l2Wish(size_px=SIZE_PX),
+            wish=wish or CameraWish(size_px=SIZE_PX),
             colour=colour,
             timeout_s=2.0,
             date=lambda t_ns: Dated(UTC_NS + t_ns, 0.001),
@@ -115,7 +115,7 @@ def test_pictures_are_grey_or_bgr_without_the_padding_of_their_rows() -> None:
 
 
 def test_what_it_does_not_obey_is_said_once_it_has_settled() -> None:
-    wish = V4l2Wish(SIZE_PX, fps=60.0, exposure_s=0.001, gain=4.0)
+    wish = CameraWish(SIZE_PX, fps=60.0, exposure_s=0.001, gain=4.0)
     for library, count in ((StandInPicamera2(), 0), (StandInPicamera2(FrameRate=30.0, ExposureTime=9000), 2)):
         camera = library.camera(wish)
         camera.read()
@@ -137,7 +137,9 @@ def test_a_dead_camera_and_one_that_is_not_there_are_named() -> None:
     camera.close()
     assert library.closed
     with pytest.raises(SourceError, match="does not open"):
-        LibcameraCamera(library, "7", wish=V4l2Wish(), colour=False, timeout_s=1.0, date=lambda t_ns: Dated(t_ns, 0.0))
+        LibcameraCamera(
+            library, "7", wish=CameraWish(), colour=False, timeout_s=1.0, date=lambda t_ns: Dated(t_ns, 0.0)
+        )
 
 
 def test_without_its_package_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

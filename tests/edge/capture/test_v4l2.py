@@ -7,9 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from edge.capture.frame import Picture, middle_of_exposure
+from edge.capture.frame import Picture, StampRule, middle_of_exposure
 from edge.capture.stamps import ARRIVAL_BOUND_S, SENSOR_BOUND_S
-from edge.capture.v4l2 import CALIBRATION_S, COUNTED_FRAMES, StandingStill, V4l2Camera, V4l2Wish, ask
+from edge.capture.standing_still import CALIBRATION_S, StandingStill
+from edge.capture.v4l2 import COUNTED_FRAMES, V4l2Camera, ask
+from edge.capture.wish import CameraWish
 from edge.common.errors import SourceError
 from edge.common.utc import Dated
 from tests.edge.capture.sources import MS, T0, FakeCapture, undoubted
@@ -43,7 +45,7 @@ class TestV4l2:
         ("stamp_of", "shift_ms"), [("middle", 0), ("exposure_start", 4), ("exposure_end", -4), ("frame_end", -24)]
     )
     def test_stamps_of_other_instants_are_moved_to_the_middle(self, stamp_of: Any, shift_ms: int) -> None:
-        frame = self.read(5000_100.0, 5000_160 * MS, stamp_of=stamp_of, exposure_s=0.008, readout_s=0.02)
+        frame = self.read(5000_100.0, 5000_160 * MS, rule=StampRule(stamp_of, 0.008, 0.02))
         assert frame.t_unix_ns == T0 + (100 + shift_ms) * MS
         assert middle_of_exposure(0, stamp_of, 0.008, 0.02) == shift_ms * MS
 
@@ -100,7 +102,7 @@ class Driver:
 
 
 MJPG, YUYV, Y16 = (float(cv2.VideoWriter.fourcc(*code)) for code in ("MJPG", "YUYV", "Y16 "))
-WISH = V4l2Wish((1280, 720), "MJPG", 30.0, 0.002, 8.0)
+WISH = CameraWish((1280, 720), "MJPG", 30.0, 0.002, 8.0)
 
 
 def test_a_driver_that_obeys_is_not_spoken_of() -> None:
@@ -177,7 +179,7 @@ def test_sixteen_bits_are_stretched_and_not_cut() -> None:
         return image.astype(np.uint16)
 
     driver = Driver({cv2.CAP_PROP_FOURCC: Y16}, thermal)
-    assert ask(driver, V4l2Wish(pixel_format="Y16 ")) == []
+    assert ask(driver, CameraWish(pixel_format="Y16 ")) == []
     assert driver.told[cv2.CAP_PROP_CONVERT_RGB] == 0
     source = driver.camera()
     first, second = source.read().image, source.read().image
