@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calib.tracking.estimates import TargetEstimate
 
 
-@dataclass
+@dataclass(eq=False)
 class _Lone:
     track: int
     camera: str
@@ -54,11 +54,11 @@ class LoneTargets:
                 return lone.track
         return None
 
-    def end(self, before_s: float) -> list[TargetEstimate]:
-        """Farewells of those last seen before an instant."""
-        ended = [lone.farewell for lone in self._all if lone.seen_s < before_s]
-        self._all = [lone for lone in self._all if lone.seen_s >= before_s]
-        return ended
+    def end(self, before_s: float, camera: str | None = None) -> list[TargetEstimate]:
+        """Farewells of those last seen before an instant, by that camera or any."""
+        ended = [lone for lone in self._all if lone.seen_s < before_s and camera in (None, lone.camera)]
+        self._all = [lone for lone in self._all if lone not in ended]
+        return [lone.farewell for lone in ended]
 
     def shift(self, by_s: float) -> None:
         """Another network counts from another instant."""

@@ -325,7 +325,7 @@ class Tracker:
 
     def dismiss(self) -> list[TargetEstimate]:
         """Nothing that was seen is believed any more: all targets end. Returns the farewells of confirmed ones."""
-        return self._end(np.ones(len(self._bank), bool), self.newest_s)
+        return self._end(np.ones(len(self._bank), bool), self.newest_s) + self._lone.end(np.inf)
 
     def distrust(self, camera_id: str, miss_rad: float) -> list[TargetEstimate]:
         """A camera's rays were off by miss_rad for a while: what they did to targets is taken back.
@@ -334,15 +334,18 @@ class Tracker:
         other camera alone end. Returns the final estimates of confirmed ones.
         """
         number = self._number.get(camera_id)
-        if number is None or not len(self._bank):
+        if number is None:
             return []
+        lost = self._lone.end(np.inf, camera_id)
+        if not len(self._bank):
+            return lost
         seen = self._scores.seen_lately(number)
         self._scores.forget(number)
         self._loose = deque((ray for ray in self._loose if ray.camera != number), maxlen=LOOSE_RAYS)
         away_m = np.linalg.norm(self._bank.state[:, :3] - self.network.cameras[number].centre_enu, axis=1)
         self._bank.widen(np.where(seen, MISLED * miss_rad * away_m, 0.0))
         alone = seen & (self._scores.watching(self.newest_s) < 2)
-        return self._end(alone, self.newest_s)
+        return self._end(alone, self.newest_s) + lost
 
     def _end(self, ended: NDArray[np.bool_], now_s: float) -> list[TargetEstimate]:
         if not ended.any():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.tracking.estimates import TargetState
 from calib.tracking.targets import Tracker
 from tools.doubles.flight import T0_UNIX_NS, Scene
 from tools.doubles.tracker_kinds import KINDS, Kind, frames_of, scene_of
@@ -60,3 +61,21 @@ def test_what_was_learnt_of_pixels_that_stay_wrong_counts_under_the_next_network
     for was, now in zip(first, tracker.estimates(tracker.newest_s), strict=True):
         assert was.track == now.track
         np.testing.assert_allclose(now.covariance[:3, :3], was.covariance[:3, :3], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("ended_by", ["dismissed", "its camera distrusted"])
+def test_what_one_camera_alone_sees_ends_with_the_belief_in_it(ended_by: str) -> None:
+    """Its number would otherwise go on to a target found after all was taken back."""
+    kind = kind_of("one camera alone for 5 s")
+    scene = scene_of(kind, SEED)
+    tracker = Tracker(scene.network)
+    for frame in frames_of(kind, scene):
+        tracker.observe(frame)
+        tracker.advance(tracker.newest_s)
+        if (frame.t_unix_ns - T0_UNIX_NS) * 1e-9 > 8.5:
+            break
+    assert tracker.alone == 3
+    farewells = tracker.dismiss() if ended_by == "dismissed" else tracker.distrust("cam3", 0.01)
+    assert sorted(e.track for e in farewells) == [1, 2, 3]
+    assert {e.state for e in farewells} == {TargetState.LOST}
+    assert tracker.alone == 0
