@@ -117,6 +117,11 @@ class Network:
         """Names of all cameras."""
         return frozenset(camera.id for camera in self.cameras)
 
+    @cached_property
+    def centres_enu(self) -> Array:
+        """(C, 3) optical centres of all cameras, ENU metres."""
+        return np.array([camera.centre_enu for camera in self.cameras]).reshape(-1, 3)
+
     def since_mid_s(self, t_unix_ns: int) -> float:
         """Seconds of site time at an instant of UTC."""
         return (t_unix_ns - self.t_mid_unix_ns) * 1e-9

@@ -32,7 +32,7 @@ def refuse(network: Network, trajectory: Trajectory, inputs: Inputs, strained: S
 
 def _distance_m(network: Network, trajectory: Trajectory) -> Array:
     """(M,) of what was flown, from the middle of the cameras."""
-    middle = np.mean([camera.centre_enu for camera in network.cameras], axis=0)
+    middle = network.centres_enu.mean(axis=0)
     return np.asarray(np.linalg.norm(trajectory.points_enu - middle, axis=1), float)
 
 
@@ -67,7 +67,7 @@ def _refuse_overturned(network: Network, trajectory: Trajectory, inputs: Inputs)
                 action="correct up_cam, or look for exchanged positions",
             )
         return
-    centres = np.array([camera.centre_enu for camera in network.cameras])
+    centres = network.centres_enu
     if upside_down([camera.R_cam_enu for camera in network.cameras], centres, trajectory.points_enu):
         raise CalibrationError(OVERTURNED, where=network.site, action=CHECK_UP)
 

@@ -48,7 +48,7 @@ class _Scan:
     def __init__(self, found: list[Tracklet], network: Network, limits: Limits, about_s: tuple[float, float]) -> None:
         self._found, self._limits = found, limits
         self._camera = np.array([tracklet.camera for tracklet in found])
-        self._centre = np.array([network.cameras[c].centre_enu for c in self._camera])
+        self._centre = network.centres_enu[self._camera]
         self._sigma = np.array([bearing_sigma(tracklet, network) for tracklet in found])
         mid_s, self._between_s = about_s
         early, late = mid_s - self._between_s / 2, mid_s + self._between_s / 2

@@ -9,7 +9,7 @@ Time here is site time: seconds since the network's own epoch. The caller says w
 """
 
 from collections import Counter, deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,7 @@ from calib.observations import Frame
 from calib.sighting import CameraView, Sighting
 from calib.tracking.association import MISSED, Pairing, PossiblePairs, pair
 from calib.tracking.common_now import CommonNow
-from calib.tracking.estimates import TargetEstimate, TargetState
+from calib.tracking.estimates import TargetEstimate
 from calib.tracking.filterbank import FilterBank, Look, PredictedStates, Rays
 from calib.tracking.initiation import initiate
 from calib.tracking.lone import LoneTargets
@@ -28,6 +28,7 @@ from calib.tracking.numbering import PictureNumbers
 from calib.tracking.options import TrackerOptions
 from calib.tracking.pixel_errors import Looks, PixelErrors
 from calib.tracking.pixelbias import with_bias
+from calib.tracking.reports import NotUsed, TargetReports, spread
 from calib.tracking.searches import SEARCHES, STRAIGHT
 from calib.tracking.track_scores import AssociationEvidence, TrackScores
 from calib.tracking.tracklets import LooseRay, NewTrack, could_be, tracklets
@@ -36,7 +37,6 @@ from edge.common.arrays import Array
 
 SCAN_S: Final = 0.1  # s between searches for new tracks
 LOOSE_RAYS: Final = 4000  # kept at most; a detector in flood must not slow the loop
-COASTS_AFTER_S: Final = 0.5  # s without a measurement: several frames of the slowest camera
 HALF_OUTSIDE_PX: Final = 12.0  # a target so near the image's edge may be half outside: not seeing it proves nothing
 TENTATIVE_S: Final = 1.5  # s a tentative target may go unseen
 TOO_FAST: Final = 1.5  # times the greatest speed: a target that was believed is given more than a new one
@@ -45,14 +45,6 @@ LEARNT_PX: Final = 0.2  # px: a lasting error that changed by less goes on count
 LEARNT: Final = 0.2  # of itself: likewise
 SUREST_PX: Final = 0.02  # px: no detector is surer of an object's middle, whatever it says
 MISLED: Final = 2.0  # times what one camera's ray is off, a target may be: two rays that cross at 30 degrees
-
-
-@dataclass(frozen=True)
-class NotUsed:
-    """What was not used: frames beyond the horizon, by camera, s late; targets too uncertain, the surest's sigma."""
-
-    late_s: dict[str, float]
-    too_uncertain_m: float | None
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,8 @@ class Tracker:
         self._lone = LoneTargets()
         self._numbering: dict[str, PictureNumbers] = {}
         self._lasting_px = np.zeros(len(network.cameras))
-        self._refused = NotUsed({}, None)
+        self._reports = TargetReports(self._bank, self._scores, self._options)
+        self._late_s: dict[str, float] = {}
         self._newest_s = -np.inf
         self._scanned_s = -np.inf
         self.counters: Counter[str] = Counter()
@@ -93,7 +86,6 @@ class Tracker:
         # By name, for they outlast a network: targets are held by the numbers of objects in a camera's picture.
         for camera in network.cameras:
             self._numbering.setdefault(camera.id, PictureNumbers(min(camera.lens.intrinsics[:2])))
-        self._centres_enu = np.array([camera.centre_enu for camera in network.cameras])
         self._number = {camera.id: k for k, camera in enumerate(network.cameras)}
 
     @property
@@ -144,7 +136,7 @@ class Tracker:
         moved: list[int] = []
         if t_s < now_s - horizon_s:
             self.counters["late"] += 1
-            self._refused.late_s[frame.camera] = max(now_s - t_s, self._refused.late_s.get(frame.camera, 0.0))
+            self._late_s[frame.camera] = max(now_s - t_s, self._late_s.get(frame.camera, 0.0))
         elif t_s > now_s + horizon_s:
             self.counters["early"] += 1
             self.counters["overflown"] += not self._common.hold(frame, t_s)
@@ -296,20 +288,13 @@ class Tracker:
         confirmed = self._scores.confirmed
         deleted = silent_s > np.where(confirmed, self._options.coast_s, TENTATIVE_S)
         deleted |= self._scores.denied | self._too_fast() | twins(self._bank, self._scores)
-        sigma_m, range_m = self._spread(self._bank.state, self._bank.covariance)
+        sigma_m, range_m = spread(self._bank.state, self._bank.covariance, self.network.centres_enu)
         alone = confirmed & ~deleted & (sigma_m > self._options.most_sigma_m(range_m))
         alone &= self._scores.watching(now_s) == 1
         for k in np.nonzero(alone)[0].tolist():
             self._leave_alone(k, now_s)
         ended = self._end(deleted | alone | (sigma_m > SIGMA_OF_RANGE * range_m), now_s)
         return ended + self._lone.end(now_s - self._options.coast_s)
-
-    def _spread(self, state: Array, covariance: Array) -> tuple[Array, Array]:
-        """(N,) sigma of position along its worst axis and range from the nearest camera, both m."""
-        if not len(state):
-            return np.zeros(0), np.zeros(0)
-        sigma_m = np.sqrt(np.abs(np.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]))
-        return sigma_m, np.linalg.norm(state[:, None, :3] - self._centres_enu, axis=2).min(axis=1)
 
     def _too_fast(self) -> NDArray[np.bool_]:
         limit_m_s = TOO_FAST * self._options.limits.max_speed_m_s
@@ -320,7 +305,7 @@ class Tracker:
         """A target that a single camera sees is no longer filtered; it keeps its number (lone.py)."""
         (watching,) = self._scores.seen_by(k, now_s)
         camera, label = self.network.cameras[watching].id, int(self._scores.label[k, watching])
-        farewell = self._estimate(k, now_s, TargetState.LOST)
+        farewell = self._reports.farewell(k, now_s)
         self._lone.keep(self._scores.track[k], (camera, label), float(self._scores.last_s[k]), farewell)
 
     def dismiss(self) -> list[TargetEstimate]:
@@ -353,7 +338,7 @@ class Tracker:
         gone = [
             k for k in np.nonzero(ended & self._scores.confirmed)[0].tolist() if self._scores.track[k] not in self._lone
         ]
-        lost = [self._estimate(k, now_s, TargetState.LOST) for k in gone]
+        lost = [self._reports.farewell(k, now_s) for k in gone]
         self.counters["lost"] += len(lost)
         self._bank.keep(~ended)
         self._scores.keep(~ended)
@@ -362,35 +347,16 @@ class Tracker:
 
     def refused(self) -> NotUsed:
         """What was not used, and why, since this was asked last."""
-        said, self._refused = self._refused, NotUsed({}, None)
-        return said
+        late_s, self._late_s = self._late_s, {}
+        return NotUsed(late_s, self._reports.too_uncertain())
 
     def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[TargetEstimate]:
         """All targets that are confirmed (or those of `tracks`), each at the time of its last measurement."""
-        chosen = [
-            k
-            for k in np.nonzero(self._scores.confirmed)[0].tolist()
-            if tracks is None or self._scores.track[k] in tracks
-        ]
-        return self._certain([self._estimate(k, now_s, self._state_of(k, now_s)) for k in chosen])
+        return self._reports.at_last(now_s, tracks)
 
     def predicted(self, now_s: float) -> list[TargetEstimate]:
         """All targets that are confirmed, each taken to now, on or back, with what that adds to its covariance."""
-        chosen = np.nonzero(self._scores.confirmed)[0].tolist()
-        return self._certain([self._estimate(k, now_s, self._state_of(k, now_s), moved_on=True) for k in chosen])
-
-    def _certain(self, said: list[TargetEstimate]) -> list[TargetEstimate]:
-        """Without those whose position is of no use just now: of a target that coasts, or begins to turn."""
-        if not said:
-            return said
-        sigma_m, range_m = self._spread(
-            np.array([e.position_enu for e in said]), np.array([e.covariance for e in said])
-        )
-        beyond = sigma_m > self._options.most_sigma_m(range_m)
-        if beyond.any():
-            known_m = self._refused.too_uncertain_m or np.inf
-            self._refused = replace(self._refused, too_uncertain_m=min(float(sigma_m[beyond].min()), known_m))
-        return [e for e, out in zip(said, beyond, strict=True) if not out]
+        return self._reports.moved_on(now_s)
 
     @property
     def alone(self) -> int:
@@ -406,29 +372,3 @@ class Tracker:
     def tentative(self) -> int:
         """How many targets are tentative."""
         return int(np.count_nonzero(~self._scores.confirmed))
-
-    def _state_of(self, k: int, now_s: float) -> TargetState:
-        return TargetState.COASTING if now_s - self._scores.last_s[k] > COASTS_AFTER_S else TargetState.CONFIRMED
-
-    def _estimate(self, k: int, now_s: float, state: TargetState, *, moved_on: bool = False) -> TargetEstimate:
-        x, P, t_s = self._bank.state[k], self._bank.covariance[k], float(self._bank.t_s[k])
-        still = state is TargetState.CONFIRMED and not moved_on
-        # Back as well: what "now" is, is known to some milliseconds, and a frame may be stamped after it.
-        dt_s = now_s - t_s if moved_on else 0.0 if still else max(now_s - t_s, 0.0)
-        if dt_s != 0:
-            motion = self._options.motion
-            F = motion.transition(np.array([dt_s]))[0]
-            surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_manoeuvre_factor[k]
-            x, P, t_s = F @ x, F @ P @ F.T + surprise, t_s + dt_s
-        seen = self._scores.seen_by(k)
-        return TargetEstimate(
-            track=self._scores.track[k],
-            state=state,
-            t_unix_ns=self.network.t_mid_unix_ns + round(t_s * 1e9),
-            position_enu=x[:3].copy(),
-            velocity_enu=x[3:6].copy(),
-            covariance=P[:6, :6].copy(),
-            cameras=tuple(self.network.cameras[c].id for c in seen),
-            age_s=max(0.0, t_s - float(self._scores.last_s[k])),
-            quality=self._scores.quality(k),
-        )

@@ -181,7 +181,7 @@ def _rays(members: Sequence[Tracklet], network: Network, after_s: Array) -> _Ray
     bearings = np.concatenate([member.bearings for member in members])
     camera = np.concatenate([np.full(len(member.t_s), member.camera) for member in members])
     sigma = np.concatenate([np.full(len(member.t_s), bearing_sigma(member, network)) for member in members])
-    centre = np.array([c.centre_enu for c in network.cameras])[camera]
+    centre = network.centres_enu[camera]
     return _Rays(camera, centre, bearings, _across(bearings), sigma, after_s)
 
 

@@ -5,7 +5,7 @@ object beyond what a short base can measure is simply never there.
 """
 
 from calib.tracking.options import TrackerOptions
-from calib.tracking.targets import NotUsed
+from calib.tracking.reports import NotUsed
 from edge.common.health import Check
 
 
