@@ -16,7 +16,7 @@ from calib.station.outputs.mavlink import messages
 from calib.station.outputs.mavlink.messages import MavlinkContext
 from calib.station.survey import edit
 from calib.station.survey.store import Survey, SurveySite
-from calib.tracking.targets import TargetEstimate, TargetState
+from calib.tracking.estimates import TargetEstimate, TargetState
 from edge.config import GnssConfig
 from edge.gnss.receiver import make_fix
 from edge.gnss.session import StaticSession
