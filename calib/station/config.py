@@ -174,17 +174,23 @@ class MavlinkSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """MAVLink out. QGroundControl and MAVProxy draw only what carries their vehicle's system id: set it to that."""
 
     system_id: Annotated[int, Meta(ge=1, le=254, description="of all that is sent; 255 is the ground station's")] = 200
-    gcs_component: Annotated[int, Meta(ge=1, le=255, description="component id of what profile gcs sends")] = 156
-    ecef_component: Annotated[int, Meta(ge=1, le=255, description="component id of what profile ecef sends")] = 25
+    gcs_component: Annotated[
+        Annotated[int, Meta(ge=1, le=255)] | None,
+        Meta(description="component id of what profile gcs sends; left out: told from site, folder and machine"),
+    ] = None
+    ecef_component: Annotated[
+        Annotated[int, Meta(ge=1, le=255)] | None,
+        Meta(description="component id of what profile ecef sends; left out: told from site, folder and machine"),
+    ] = None
     icao_first: Annotated[
         Annotated[int, Meta(ge=1, le=16129)] | None,
         Meta(
-            description="first of the 255 addresses that targets are drawn under; left out: told from site and machine"
+            description="first of the 255 addresses that targets are drawn under; left out: told as the component ids"
         ),
     ] = None
     callsign: Annotated[
         Annotated[str, Meta(pattern="^[A-Z0-9]{1,4}$")] | None,
-        Meta(description="what targets' callsigns begin with; left out: told from site and machine"),
+        Meta(description="what targets' callsigns begin with; left out: told as the component ids"),
     ] = None
     adsb_rate_hz: Annotated[
         float, Meta(ge=0.5, le=5, description="ADSB_VEHICLE a second: slower expires on maps, faster floods radios")
@@ -312,7 +318,7 @@ def checked(config: BaseConfig, path: Path) -> BaseConfig:
         'give status.token_file, made with `openssl rand -hex 16`, or leave host at "127.0.0.1"',
     )
     _refuse(
-        config.mavlink.gcs_component == config.mavlink.ecef_component,
+        None is not config.mavlink.gcs_component == config.mavlink.ecef_component,
         path,
         "mavlink.gcs_component and mavlink.ecef_component are the same",
         "give each its own: receivers count what is lost by the numbers of one component",

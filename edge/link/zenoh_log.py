@@ -3,13 +3,16 @@
 A box with an expired certificate sees nothing but a timeout, and an intruder is seen nowhere: refused handshakes and
 refused messages show only as lines that the library writes to standard output. So those lines are led through a pipe,
 counted by kind, and the reasons passed on to our own log, each once a minute. The pipe never blocks its writer: under a
-flood lines are lost, and the count is then too low, but the live stream goes on.
+flood lines are lost, and the count is then too low, but the live stream goes on. Processes that are started meanwhile
+inherit the pipe and keep it open (the solver's, and Python's own that looks after it): its end is never waited for.
 """
 
 import fcntl
+import io
 import logging
 import os
 import re
+import select
 import sys
 import threading
 import time
@@ -31,6 +34,7 @@ _HARMLESS: Final = (b"Gossip is disabled", b"Scouting delay elapsed", b"Unknown 
 _STYLE: Final = re.compile(rb"\x1b\[[0-9;]*m")
 LOG_CLOSE_S: Final = 1.0  # the thread reads what is in the pipe, and no more
 PIPE_BYTES: Final = 1 << 20  # what waits while our thread does not get its turn
+PIECE_BYTES: Final = 1 << 16  # read at a time
 REPEAT_S: Final = 60.0
 MAX_REASONS: Final = 100  # remembered; an intruder cannot fill the memory with inventive ones
 
@@ -99,13 +103,16 @@ class ZenohLog(OwnThread):
         self._reader = LogReader()
         self._lock = threading.Lock()
         self._source = -1  # the pipe's reading end
+        self._roused, self._rouse = -1, -1  # a pipe that has its end when the thread is to stop
 
     def __enter__(self) -> Self:
         global _current  # noqa: PLW0603 -- as global as standard output is
         _current = self
         self._source, sink = os.pipe()
+        self._roused, self._rouse = os.pipe()
         fcntl.fcntl(sink, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        os.set_blocking(sink, False)
+        for end in (sink, self._source):
+            os.set_blocking(end, False)
         sys.stdout.flush()
         self._real_stdout = os.dup(1)
         self._python_stdout = sys.stdout
@@ -116,8 +123,9 @@ class ZenohLog(OwnThread):
         return super().__enter__()
 
     def _wake(self) -> None:
-        os.dup2(self._real_stdout, 1)  # closes the pipe's last writing end: the thread reads to its end and stops
+        os.dup2(self._real_stdout, 1)  # from here on nothing of ours goes into the pipe
         os.close(self._real_stdout)
+        os.close(self._rouse)
         sys.stdout.close()
         sys.stdout = self._python_stdout
 
@@ -128,9 +136,17 @@ class ZenohLog(OwnThread):
             return self._reader.refusals
 
     def _run(self) -> None:
-        with os.fdopen(self._source, "rb", buffering=0) as pipe:
-            while chunk := pipe.read(1 << 16):
-                with self._lock:
-                    sentences = self._reader.read(chunk, time.monotonic())
-                for sentence in sentences:
-                    log.warning("zenoh: %s", sentence)
+        with os.fdopen(self._source, "rb", buffering=0) as pipe, os.fdopen(self._roused, "rb", buffering=0) as roused:
+            ending = False
+            while not ending:
+                ready, _, _ = select.select([pipe, roused], [], [])
+                ending = roused in ready
+                self._take_all(pipe)
+
+    def _take_all(self, pipe: io.RawIOBase) -> None:
+        """Read what is in the pipe now."""
+        while chunk := pipe.read(PIECE_BYTES):
+            with self._lock:
+                sentences = self._reader.read(chunk, time.monotonic())
+            for sentence in sentences:
+                log.warning("zenoh: %s", sentence)

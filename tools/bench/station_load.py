@@ -15,6 +15,7 @@ import numpy as np
 from calib.station.archive.recording import Recorder
 from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.core.station import Station
+from calib.station.outputs.mavlink.identity import identity_of
 from calib.station.outputs.mavlink.messages import MavlinkContext
 from calib.station.outputs.mavlink.port import MavlinkPort
 from tools.doubles.box_messages import SITE, Sent, messages
@@ -32,7 +33,9 @@ def calibrated(scene: Scene) -> Station:
 def port() -> MavlinkPort:
     """Both profiles."""
     endpoint = EndpointSection(url="udp:127.0.0.1:9", profile=["gcs", "ecef"])
-    return MavlinkPort(endpoint, MavlinkSection(), MavlinkContext(ORIGIN, 1, undulation_m=47.0), None)
+    options = MavlinkSection()
+    context = MavlinkContext(ORIGIN, 1, identity_of(options, "bench", Path()), undulation_m=47.0)
+    return MavlinkPort(endpoint, options, context, None)
 
 
 def run(scene: Scene, stream: Iterator[Sent], folder: Path) -> tuple[np.ndarray, int]:

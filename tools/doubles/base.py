@@ -133,8 +133,13 @@ class Base:
 class TrackingBase(Base):
     """A base that has the network of a scene (SPEC) and can be told what the scene's boxes see."""
 
-    def __init__(self, folder: Path, endpoints: Sequence[Mapping[str, Any]], *, passphrase: str = "") -> None:
-        """endpoints: of base.toml, system id 1, as their operator's vehicle. passphrase: each signs with its key."""
+    def __init__(
+        self, folder: Path, endpoints: Sequence[Mapping[str, Any]], *, passphrase: str = "", **mavlink: object
+    ) -> None:
+        """endpoints: of base.toml, system id 1, as their operator's vehicle. passphrase: each signs with its key.
+
+        mavlink: other keys of [mavlink].
+        """
         scene = make(SPEC)
         signing = {"signing_key": "mavlink.key"} if passphrase else {}
         if passphrase:
@@ -144,7 +149,7 @@ class TrackingBase(Base):
             scene,
             free_endpoint(),
             state_folder="disk/state",
-            mavlink={"system_id": 1, "endpoint": [{**endpoint, **signing} for endpoint in endpoints]},
+            mavlink={"system_id": 1, "endpoint": [{**endpoint, **signing} for endpoint in endpoints]} | mavlink,
             recording={"folder": "disk/recordings"},
         )
         super().__init__(folder, config, scene.network)

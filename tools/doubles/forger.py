@@ -25,6 +25,7 @@ KEY: Final = key_of(PASSPHRASE)
 PACE_S: Final = 0.002  # between commands: the base takes sixteen datagrams every fiftieth of a second
 PATIENCE_S: Final = 3.0
 DONE: Final = (common.MAV_RESULT_ACCEPTED, common.MAV_RESULT_IN_PROGRESS)
+COMPONENT: Final = 25  # the base's, that commands are for
 YEAR_S: Final = 365 * 86400.0
 
 
@@ -70,7 +71,7 @@ def command(**options: object) -> bytes:
     key, ahead_s, link = options.get("key", KEY), options.get("ahead_s", 0.0), options.get("link", 9)
     codec = Codec(255, 190, key, link)  # type: ignore[arg-type]
     codec.refresh(time.time() + ahead_s)  # type: ignore[operator]
-    return codec.encoded(common.MAVLink_command_long_message(1, 25, 511, 0, 45000, 50_000, 0, 0, 0, 0, 0))
+    return codec.encoded(common.MAVLink_command_long_message(1, COMPONENT, 511, 0, 45000, 50_000, 0, 0, 0, 0, 0))
 
 
 def tampered(chance: random.Random) -> bytes:
@@ -87,7 +88,7 @@ def tampered(chance: random.Random) -> bytes:
 def version_1() -> bytes:
     """The same command in MAVLink 1, which knows no signatures."""
     old = ardupilotmega.MAVLink(None, srcSystem=255, srcComponent=190)
-    message = ardupilotmega.MAVLink_command_long_message(1, 25, 511, 0, 45000, 50_000, 0, 0, 0, 0, 0)
+    message = ardupilotmega.MAVLink_command_long_message(1, COMPONENT, 511, 0, 45000, 50_000, 0, 0, 0, 0, 0)
     return bytes(message.pack(old, force_mavlink1=True))
 
 
@@ -172,7 +173,8 @@ def trial(folder: Path) -> Iterator[Trial]:
         udp.bind(("127.0.0.1", 0))
         tcp_port = free_port()
         ways = (f"udp:127.0.0.1:{udp.getsockname()[1]}", f"tcpin:127.0.0.1:{tcp_port}")
-        base = TrackingBase(folder, [{"url": url, "profile": ["ecef"]} for url in ways], passphrase=PASSPHRASE)
+        endpoints = [{"url": url, "profile": ["ecef"]} for url in ways]
+        base = TrackingBase(folder, endpoints, passphrase=PASSPHRASE, ecef_component=COMPONENT)
         base.start()
         base.wait_until_up()
         try:

@@ -89,6 +89,17 @@ class Listener:
         with self._came:
             return list(self._datagrams)
 
+    @property
+    def missing(self) -> int:
+        """How many frames were lost on the way, by their senders' own sequence numbers (MAVLink 2: bytes 4 to 6)."""
+        last: dict[tuple[int, int], int] = {}
+        count = 0
+        for frame in self.datagrams:
+            sender, number = (frame[5], frame[6]), frame[4]
+            count += (number - last.get(sender, number - 1) - 1) % 256
+            last[sender] = number
+        return count
+
     def wait(self, positions: int, within_s: float) -> bool:
         """Whether so many positions have come, now or within a while."""
         with self._came:

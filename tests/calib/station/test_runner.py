@@ -11,7 +11,7 @@ from calib.station.archive import recording
 from calib.station.core.calibration import Phase
 from calib.station.display import Display
 from calib.station.outputs.guarded import GuardedOutput
-from calib.station.outputs.mavlink.messages import COMPONENT_ECEF
+from calib.station.outputs.mavlink.identity import PRIVATE_COMPONENTS
 from calib.station.outputs.outputs import Outputs
 from calib.station.page.wire import OperatorCommand
 from calib.station.runner import Runner
@@ -51,7 +51,7 @@ def test_a_station_that_was_calibrated_sends_what_its_cameras_see(tmp_path: Path
             status = runner.status()
             assert turned_until(runner, lambda: ear.kinds().count("ADSB_VEHICLE") > 1)
         track = next(m for m in ear.messages if m.get_type() == "TARGET_TRACK_ECEF")
-        assert track.get_srcComponent() == COMPONENT_ECEF
+        assert track.get_srcComponent() in PRIVATE_COMPONENTS
         assert (status.phase, status.site, status.first_solve_s) == ("calibrated", "bench", 3.0)
         assert [camera.online for camera in status.cameras] == [True] * 3
         assert status.latency_ms is not None

@@ -1,9 +1,12 @@
 """Refusals are counted from Zenoh's own log lines, in whatever pieces they come."""
 
+import subprocess
+import sys
+
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.link.zenoh_log import MAX_REASONS, LogReader
+from edge.link.zenoh_log import LOG_CLOSE_S, MAX_REASONS, LogReader
 
 # As Zenoh 1.10.2 writes them; the live test in test_link_security.py notices if that changes.
 LINES = (
@@ -42,3 +45,25 @@ def test_says_each_reason_once_a_minute_and_forgets_when_there_are_too_many() ->
 @given(st.binary(max_size=300))
 def test_reads_anything(garbage: bytes) -> None:
     LogReader().read(garbage + b"\n", now_s=0.0)
+
+
+HEIR = """
+import subprocess, sys, time
+from edge.link.zenoh_log import ZenohLog
+with ZenohLog() as log:
+    heir = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    with open(1, "wb", closefd=False) as out:
+        out.write(b"WARN zenoh_link_tls::unicast: late. Hint: x\\n")
+    began_s = time.monotonic()
+took_s = time.monotonic() - began_s
+heir.stdin.close()
+heir.wait()
+print(took_s, log.ended, log.refusals.handshakes)
+"""
+
+
+def test_a_process_that_has_inherited_the_pipe_is_not_waited_for() -> None:
+    told = subprocess.run([sys.executable, "-c", HEIR], capture_output=True, text=True, check=True)
+    took_s, ended, handshakes = told.stdout.split()
+    assert float(took_s) < LOG_CLOSE_S / 2, told.stderr
+    assert (ended, handshakes) == ("True", "1"), "what was in the pipe is read to its end"

@@ -18,9 +18,6 @@ from calib.station.core.outgoing import UPPER, OutgoingTarget
 from calib.station.outputs.mavlink import dialect
 from calib.tracking.estimates import TargetState
 
-COMPONENT_GCS: Final = common.MAV_COMP_ID_ADSB  # 156
-# ECEF from a component of its own: on a shared one, receivers that do not know the dialect report 66 % packet loss.
-COMPONENT_ECEF: Final = common.MAV_COMP_ID_USER1  # 25
 ICAO_BAND: Final = 0x3FFF  # unallocated by ICAO; MAVProxy draws this band as drones
 HEADING_FROM_M_S: Final = 1.0  # slower than that a course over ground is noise
 UINT32: Final = 0xFFFFFFFF  # time_boot_ms wraps after 49.7 days
@@ -42,17 +39,16 @@ for _id, _kind in dialect.mavlink_map.items():  # so that pymavlink's own parser
 class Identity:
     """What tells a station from others on one network.
 
-    icao_first, icao_count: addresses its tracks are drawn under. callsign: what theirs begin with, up to four letters.
+    component_gcs, component_ecef: who sends what is for ground stations, and what is in ECEF; two, because a receiver
+    that does not know our dialect reports what it can't read of a shared one as lost, 66 %. icao_first, icao_count:
+    addresses its tracks are drawn under. callsign: what theirs begin with, up to four letters.
     """
 
-    component_gcs: int = COMPONENT_GCS
-    component_ecef: int = COMPONENT_ECEF
-    icao_first: int = 1
-    icao_count: int = ICAO_BAND
-    callsign: str = "SKY"
-
-
-ANY_STATION: Final = Identity()
+    component_gcs: int
+    component_ecef: int
+    icao_first: int
+    icao_count: int
+    callsign: str
 
 
 @dataclass(frozen=True)
@@ -61,9 +57,9 @@ class MavlinkContext:
 
     origin: Origin
     epoch: int
+    identity: Identity
     simulated: bool = False
     undulation_m: float | None = None
-    identity: Identity = ANY_STATION
 
 
 @dataclass(frozen=True)
@@ -134,12 +130,12 @@ def adsb_vehicle(target: OutgoingTarget, context: MavlinkContext) -> common.MAVL
     )
 
 
-def icao(track: int, identity: Identity = ANY_STATION) -> int:
+def icao(track: int, identity: Identity) -> int:
     """The address a track is drawn under: one of the station's, reused only after all its others."""
     return (track - 1) % identity.icao_count + identity.icao_first
 
 
-def callsign(track: int, identity: Identity = ANY_STATION) -> bytes:
+def callsign(track: int, identity: Identity) -> bytes:
     """Eight characters of its own for each track; equal ones make ground stations blink."""
     number = str((track - 1) % identity.icao_count + 1)
     return (identity.callsign + number.zfill(CALLSIGN_LETTERS - len(identity.callsign))).encode("ascii") + b"\0"

@@ -74,7 +74,7 @@ class MavlinkOutput:
 
     def _mavlink_context(self, origin: Origin) -> MavlinkContext:
         undulation_m = self._context.site.undulation_m
-        return MavlinkContext(origin, self._context.epoch, self._options.simulated, undulation_m, self._identity)
+        return MavlinkContext(origin, self._context.epoch, self._identity, self._options.simulated, undulation_m)
 
     @property
     def rate_hz(self) -> float:
@@ -140,8 +140,7 @@ class MavlinkOutput:
         if now_ns - self._refused_ns < REFUSAL_RECENT_NS:
             action = "sign with this station's key, list the system in commands_from, or find out who it is"
             checks.append(Check("mavlink commands", "warn", f"{refused} were refused ({self._reasons()})", action))
-        checks += [Check("mavlink identity", "warn", what, action) for what, action in self._clashes.found.items()]
-        return checks
+        return [*checks, self._clashes.check()]
 
     def _check(self, endpoint: Endpoint) -> Check:
         failing = endpoint.errors > self._errors[endpoint.url]

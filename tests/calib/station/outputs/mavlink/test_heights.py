@@ -2,17 +2,19 @@
 
 import datetime as dt
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
 from calib.geodesy import enu_to_geodetic
-from calib.station.config import CameraSection
+from calib.station.config import CameraSection, MavlinkSection
 from calib.station.core.intake import CameraIntake
 from calib.station.core.outgoing import TargetExport
 from calib.station.core.positions import Positions
 from calib.station.outputs.mavlink import messages
+from calib.station.outputs.mavlink.identity import identity_of
 from calib.station.outputs.mavlink.messages import MavlinkContext
 from calib.station.survey import edit
 from calib.station.survey.store import Survey, SurveySite
@@ -77,7 +79,9 @@ def test_what_is_sent_stands_where_it_flies(
         velocity_enu=np.zeros(3), covariance=np.eye(6), cameras=NAMES, age_s=0.0, quality=1.0,
     )  # fmt: skip
     (target,) = TargetExport(NAMES, 2, 50.0).to_wgs84([estimate], positions.origin)
-    context = MavlinkContext(positions.origin, epoch=1, undulation_m=UNDULATION_M)
+    context = MavlinkContext(
+        positions.origin, 1, identity_of(MavlinkSection(), "hill", Path()), undulation_m=UNDULATION_M
+    )
     drawn: common.MAVLink_adsb_vehicle_message = messages.adsb_vehicle(target, context)
     assert drawn.altitude / 1000 == pytest.approx(LENS.altitude_m + ABOVE_M, abs=0.003)
     assert (drawn.lat / 1e7, drawn.lon / 1e7) == pytest.approx((LENS.lat_deg, LENS.lon_deg), abs=2e-7)

@@ -17,15 +17,17 @@ from calib.station.config import EndpointSection, MavlinkSection
 from calib.station.core.outgoing import OutgoingTarget, TargetExport
 from calib.station.outputs.mavlink import messages as mavlink
 from calib.station.outputs.mavlink.codec import TICKS_PER_S, Codec, Streams, read_key, ticks
-from calib.station.outputs.mavlink.identity import Clashes, identity_of
-from calib.station.outputs.mavlink.messages import ANY_STATION, MavlinkContext, TrackerStatus
+from calib.station.outputs.mavlink.identity import PRIVATE_COMPONENTS, Clashes, identity_of
+from calib.station.outputs.mavlink.messages import Identity, MavlinkContext, TrackerStatus
 from calib.station.outputs.mavlink.port import MavlinkPort
 from calib.station.outputs.mavlink.timesync import target_of
 from calib.tracking.estimates import TargetEstimate, TargetState
 from edge.common.errors import ConfigError
 
 ORIGIN = (47.4085, 8.5071, 580.0)
-CONTEXT = MavlinkContext(ORIGIN, epoch=7, undulation_m=47.6)
+GCS, ECEF = 156, 25
+STATION = Identity(GCS, ECEF, icao_first=1, icao_count=0x3FFF, callsign="SKY")
+CONTEXT = MavlinkContext(ORIGIN, 7, STATION, undulation_m=47.6)
 NS = 10**9
 KEY = bytes(range(32))
 STATUS = TrackerStatus(1_800_000_000 * NS, 5000, 7, 7, 3, 7, 12.0, 1, 0)
@@ -73,7 +75,7 @@ def test_target_track_is_in_ecef_with_its_covariance_and_own_component() -> None
     sent = target()
     (message,) = [m for m in decoded(port().targets([sent], 0, True)) if m.get_type() == "TARGET_TRACK_ECEF"]
     assert message.get_srcSystem() == 1
-    assert message.get_srcComponent() == mavlink.COMPONENT_ECEF
+    assert message.get_srcComponent() == ECEF
     np.testing.assert_allclose(message.pos, sent.ecef_m, rtol=0, atol=1e-9)  # doubles travel whole
     assert np.linalg.norm(message.vel) == pytest.approx(math.sqrt(3**2 + 4**2 + 1.5**2), rel=1e-6)
     assert message.cov[0] + message.cov[6] + message.cov[11] == pytest.approx(0.06, rel=1e-6)  # turning keeps the trace
@@ -91,7 +93,7 @@ def test_adsb_height_is_above_sea_level() -> None:
     assert message.heading == round(math.degrees(math.atan2(3, 4)) * 100)
     assert (message.hor_velocity, message.ver_velocity, message.tslc, message.squawk) == (500, 150, 0, 0)
     assert message.flags & common.ADSB_FLAGS_VALID_HEADING
-    assert message.get_srcComponent() == mavlink.COMPONENT_GCS
+    assert message.get_srcComponent() == GCS
     assert message.callsign == "SKY00001"
 
 
@@ -103,9 +105,9 @@ def test_a_hovering_target_has_no_heading() -> None:
 
 @given(track=st.integers(1, 2**32 - 1))
 def test_addresses_stay_in_the_drone_band_and_callsigns_are_eight_characters(track: int) -> None:
-    assert 1 <= mavlink.icao(track) <= 0x3FFF
-    assert len(mavlink.callsign(track)) == 9
-    assert mavlink.icao(track) != mavlink.icao(track + 1)
+    assert 1 <= mavlink.icao(track, STATION) <= 0x3FFF
+    assert len(mavlink.callsign(track, STATION)) == 9
+    assert mavlink.icao(track, STATION) != mavlink.icao(track + 1, STATION)
 
 
 def test_rates_are_limited_per_target_not_per_endpoint() -> None:
@@ -157,7 +159,7 @@ def test_no_number_stops_the_loop(velocity: float, age_s: float, quality: float,
 def test_every_second_both_components_beat_and_neither_is_a_ground_station() -> None:
     messages = decoded(port().second(STATUS, faulted=False))
     beats = [m for m in messages if m.get_type() == "HEARTBEAT"]
-    assert {m.get_srcComponent() for m in beats} == {25, 156}
+    assert {m.get_srcComponent() for m in beats} == {ECEF, GCS}
     assert {m.type for m in beats} == {common.MAV_TYPE_ADSB}
     assert {m.autopilot for m in beats} == {common.MAV_AUTOPILOT_INVALID}
     assert [m.get_type() for m in messages].count("TRACKER_STATUS") == 1
@@ -180,7 +182,7 @@ def test_components_keep_their_own_sequences_so_nobody_sees_loss() -> None:
         for k in range(50)
         for frame in (*one.targets([target()], k * NS, True), *one.second(STATUS, faulted=False))
     ]
-    for component in (25, 156):
+    for component in (ECEF, GCS):
         numbers = [m.get_seq() for m in decoded(frames) if m.get_srcComponent() == component]
         assert numbers == [k % 256 for k in range(len(numbers))]
 
@@ -207,7 +209,7 @@ def command(
     key: bytes | None = None,
     system: int = 255,
     target_system: int = 1,
-    component: int = 25,
+    component: int = ECEF,
     **params: float,
 ) -> bytes:
     """A COMMAND_LONG from a ground station."""
@@ -292,7 +294,7 @@ def test_a_sensors_calibration_starts_nothing_here() -> None:
 def test_what_ground_stations_ask_on_connecting_gets_what_a_component_that_is_no_autopilot_says() -> None:
     """QGroundControl's sequence: parameters, mission, versions, camera, component information; then silence or no."""
     one, gcs = port(), Codec(255, 190)
-    for target in ((1, 0), (1, 1), (1, 25), (1, 156)):
+    for target in ((1, 0), (1, 1), (1, ECEF), (1, GCS)):
         for message in (
             common.MAVLink_param_request_list_message(*target),
             common.MAVLink_mission_request_list_message(*target, 0),
@@ -324,7 +326,7 @@ def timesync(ts1: int, *target: int) -> bytes:
 
 
 @pytest.mark.parametrize(("target", "answered"), [
-    ((), True), ((0, 0), True), ((1, 156), True), ((1, 1), False), ((7, 1), False), ((1, 0), False), ((7, 156), False),
+    ((), True), ((0, 0), True), ((1, GCS), True), ((1, 1), False), ((7, 1), False), ((1, 0), False), ((7, GCS), False),
 ])  # fmt: skip
 def test_timesync_is_answered_for_ourselves_only_and_says_to_whom(target: tuple[int, ...], answered: bool) -> None:
     frames = port().receive(timesync(123_456_789, *target), 1_800_000_000 * NS, lambda _: True)
@@ -347,6 +349,7 @@ def test_system_time_is_never_that_of_the_data() -> None:
 def test_two_stations_differ_by_default_and_a_configured_identity_is_taken(tmp_path: Path) -> None:
     drawn: list[set[int]] = []
     calls: list[bytes] = []
+    components: list[frozenset[int]] = []
     for k in range(20):
         own = identity_of(MavlinkSection(), "field", tmp_path / str(k))
         assert own == identity_of(MavlinkSection(), "field", tmp_path / str(k))
@@ -354,8 +357,17 @@ def test_two_stations_differ_by_default_and_a_configured_identity_is_taken(tmp_p
         calls.append(mavlink.callsign(7, own))
         assert all(1 <= address <= 0x3FFF for address in drawn[-1])
         assert len(calls[-1]) == 9
+        components.append(frozenset((own.component_gcs, own.component_ecef)))
+        assert len(components[-1]) == 2
+        assert components[-1] <= set(PRIVATE_COMPONENTS), "no id of a vehicle's part, or of a ground station"
+    assert len(set(components)) > 10
+    assert all(one == other or not one & other for one in components for other in components), "both or neither"
     assert len(set(calls)) == 20
     assert len({min(addresses) for addresses in drawn}) > 10
+    own = identity_of(MavlinkSection(), "field", tmp_path)
+    for one in (own.component_gcs, own.component_ecef):  # the other one's default, too
+        assert identity_of(MavlinkSection(gcs_component=one), "field", tmp_path).component_ecef != one
+        assert identity_of(MavlinkSection(ecef_component=one), "field", tmp_path).component_gcs != one
     chosen = MavlinkSection(gcs_component=60, ecef_component=61, icao_first=512, callsign="N7")
     own = identity_of(chosen, "field", tmp_path)
     assert (own.component_gcs, own.component_ecef, mavlink.icao(1, own)) == (60, 61, 512)
@@ -363,20 +375,39 @@ def test_two_stations_differ_by_default_and_a_configured_identity_is_taken(tmp_p
 
 
 def test_another_station_under_our_name_is_said_and_our_own_echo_is_not() -> None:
-    clashes = Clashes(1, ANY_STATION)
+    clashes = Clashes(1, STATION)
     endpoint = EndpointSection(url="udp:127.0.0.1:1", profile=["gcs"])
     one = MavlinkPort(endpoint, MavlinkSection(system_id=1), CONTEXT, None, clashes=clashes)
     other = MavlinkPort(endpoint, MavlinkSection(system_id=1), CONTEXT, None)
     own = one.second(STATUS, faulted=False) + one.targets([target()], 0, True)
     clashes.sent(own)
     one.receive(b"".join(own), 0, lambda _: True)
-    assert clashes.found == {}
+    assert clashes.check().level == "ok"
+    assert "1/156" in clashes.check().reason
     for frame in (
         other.second(replace(STATUS, uptime_ms=77), faulted=False) + other.targets([target(age_s=2.0)], 0, True)[:1]
     ):
         one.receive(frame, 0, lambda _: True)
-    assert any("1/156" in what for what in clashes.found)
-    assert any("addresses" in what for what in clashes.found)
+    said = clashes.check()
+    assert said.level == "warn"
+    for what in ("sends as 1/156", "addresses", "calls aircraft SKY"):
+        assert what in said.reason
+    for key in ("gcs_component", "ecef_component", "icao_first", "callsign"):
+        assert f"mavlink.{key}" in said.action
+
+
+@pytest.mark.parametrize(("callsign", "icao", "clash"), [
+    ("SKY00007", 0x4004, True), ("SKYLARK", 0x4004, False), ("OTHER001", 0x4004, False), ("OTHER001", 9, True),
+])  # fmt: skip
+def test_an_aircraft_of_others_is_a_clash_only_under_our_address_or_callsign(
+    callsign: str, icao: int, clash: bool
+) -> None:
+    clashes = Clashes(1, STATION)
+    aircraft = mavlink.adsb_vehicle(target(), CONTEXT)
+    aircraft.ICAO_address, aircraft._callsign_raw = icao, callsign.encode()  # packed from this
+    for message in decoded([Codec(1, 200).encoded(aircraft)]):
+        clashes.hear(message)
+    assert (clashes.check().level == "warn") == clash, clashes.check()
 
 
 # Signing
@@ -445,7 +476,7 @@ def test_a_forged_frame_from_the_future_poisons_nothing() -> None:
     one = port(key=KEY)
     forger = Codec(255, 190, bytes(32), link_id=3)
     forger.refresh(time.time() + 50 * 365 * 86400)
-    forged = forger.encoded(common.MAVLink_command_long_message(1, 25, 511, 0, 45000, 100_000, 0, 0, 0, 0, 0))
+    forged = forger.encoded(common.MAVLink_command_long_message(1, ECEF, 511, 0, 45000, 100_000, 0, 0, 0, 0, 0))
     assert [m.result for m in answer(one, forged)] == [common.MAV_RESULT_DENIED]
     assert [m.result for m in answer(one, command(511, key=KEY, p1=45000, p2=100_000))] == [common.MAV_RESULT_ACCEPTED]
 
@@ -454,7 +485,7 @@ def test_even_a_good_signature_from_the_future_is_refused() -> None:
     one = port(key=KEY)
     ahead = Codec(255, 190, KEY, link_id=3)
     ahead.refresh(time.time() + 3600)
-    frame = ahead.encoded(common.MAVLink_command_long_message(1, 25, 511, 0, 45000, 100_000, 0, 0, 0, 0, 0))
+    frame = ahead.encoded(common.MAVLink_command_long_message(1, ECEF, 511, 0, 45000, 100_000, 0, 0, 0, 0, 0))
     assert [m.result for m in answer(one, frame)] == [common.MAV_RESULT_DENIED]
 
 

@@ -1,0 +1,54 @@
+"""The far end of a serial line, a radio or an autopilot, that can stop taking bytes."""
+
+import contextlib
+import os
+import threading
+import tty
+from types import TracebackType
+from typing import Final, Self
+
+POLL_S: Final = 0.02  # s between looks at what came
+PIECE: Final = 1 << 16  # bytes read or written at once
+
+
+class Radio:
+    """A pseudo-terminal that is read by a thread of its own. Use as a context manager."""
+
+    def __init__(self) -> None:
+        self._near, self._far = os.openpty()
+        tty.setraw(self._far)
+        for end in (self._near, self._far):
+            os.set_blocking(end, False)
+        self.device = os.ttyname(self._far)
+        self._reads, self._ended = threading.Event(), threading.Event()
+        self._reads.set()
+        self._thread = threading.Thread(target=self._run, name="radio")
+
+    def stick(self) -> None:
+        """Read no more; the line is full from now on, with nothing that means anything."""
+        self._reads.clear()
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(self._far, bytes(PIECE))
+
+    def read_on(self) -> None:
+        """Read again."""
+        self._reads.set()
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ended.set()
+        self._thread.join()
+        os.close(self._near)
+        os.close(self._far)
+
+    def _run(self) -> None:
+        while not self._ended.wait(POLL_S):
+            with contextlib.suppress(BlockingIOError):
+                if self._reads.is_set():
+                    os.read(self._near, PIECE)
