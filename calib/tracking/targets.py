@@ -73,6 +73,7 @@ class Tracker:
         self._numbering: dict[str, PictureNumbers] = {}
         self._lasting_px = np.zeros(len(network.cameras))
         self._reports = TargetReports(self._bank, self._scores, self._options)
+        self._farewells: list[TargetEstimate] = []
         self._late_s: dict[str, float] = {}
         self._newest_s = -np.inf
         self._scanned_s = -np.inf
@@ -133,7 +134,8 @@ class Tracker:
         t_s, rows_s = self._exposed_s(number, frame)
         self._common.note(frame.camera, t_s)
         now_s, horizon_s = self._common.now_s, self._options.reorder_horizon_s
-        moved: list[int] = []
+        # What waited is older than what comes now, and the numbers of a picture's objects go on from frame to frame.
+        moved = [track for held in self._common.due(now_s) for track in self._take_held(held)]
         if t_s < now_s - horizon_s:
             self.counters["late"] += 1
             self._late_s[frame.camera] = max(now_s - t_s, self._late_s.get(frame.camera, 0.0))
@@ -141,9 +143,7 @@ class Tracker:
             self.counters["early"] += 1
             self.counters["overflown"] += not self._common.hold(frame, t_s)
         else:
-            moved = self._take(number, frame, t_s, rows_s)
-        for held in self._common.due(now_s):
-            moved += self._take_held(held)
+            moved += self._take(number, frame, t_s, rows_s)
         return moved
 
     def _exposed_s(self, number: int, frame: Frame) -> tuple[float, Array]:
@@ -157,9 +157,16 @@ class Tracker:
         return float(rows_s[-1]), rows_s[:-1]
 
     def _take_held(self, frame: Frame) -> list[int]:
-        """A frame whose time has come; its camera may have been taken out meanwhile."""
+        """A frame whose time has come; its camera may have been taken out meanwhile.
+
+        Several seconds of frames may come due at once: targets are looked after in between, as if they had not waited.
+        """
         number = self._number.get(frame.camera)
-        return [] if number is None else self._take(number, frame, *self._exposed_s(number, frame))
+        if number is None:
+            return []
+        moved = self._take(number, frame, *self._exposed_s(number, frame))
+        self._farewells += self._scan(self._newest_s)
+        return moved
 
     def _take(self, number: int, frame: Frame, t_s: float, rows_s: Array) -> list[int]:
         self._newest_s = max(self._newest_s, t_s)
@@ -245,11 +252,16 @@ class Tracker:
 
     def advance(self, now_s: float) -> list[TargetEstimate]:
         """Let time pass: track initiation, confirmation, deletion. Returns the final estimates of targets lost now."""
+        lost, self._farewells = self._farewells + self._scan(now_s), []
+        return lost
+
+    def _scan(self, now_s: float) -> list[TargetEstimate]:
         if now_s - self._scanned_s < SCAN_S:
             return []
         self._scanned_s = now_s
         self._initiate_tracks(min(now_s, self._common.now_s))
-        self._scores.confirm()
+        for k in self._scores.confirm():
+            self._continue_lone(k)
         self._scores.hold_back_unseen(now_s)
         self._allow_for_what_stays()
         return self._delete_tracks(now_s)
@@ -276,12 +288,18 @@ class Tracker:
                 self._loose = deque((r for r in self._loose if (r.camera, r.label) not in used), maxlen=LOOSE_RAYS)
 
     def _add(self, new: NewTrack) -> None:
-        heir = self._lone.heir({(self.network.cameras[camera].id, label) for camera, label in new.seen_by})
         self._bank.add(new.state, new.covariance, new.with_poses, new.t_s)
-        self._scores.add(self._next_track if heir is None else heir, new.t_s, new.seen_by)
+        self._scores.add(self._next_track, new.t_s, new.seen_by)
         self._errors.add()
-        self._next_track += heir is None
+        self._next_track += 1
         self.counters["born"] += 1
+
+    def _continue_lone(self, k: int) -> None:
+        """A target that is believed now may be one that a camera never lost from sight: it gets that one's number."""
+        seen = {(self.network.cameras[c].id, int(self._scores.label[k, c])) for c in self._scores.seen_by(k)}
+        heir = self._lone.heir(seen)
+        if heir is not None:
+            self._scores.track[k] = heir
 
     def _delete_tracks(self, now_s: float) -> list[TargetEstimate]:
         silent_s = now_s - self._scores.last_s

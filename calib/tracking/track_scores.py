@@ -113,8 +113,8 @@ class TrackScores:
         unseen = self.confirmed & (now_s - self.last_s > SEEN_LATELY_S)
         self._score = np.where(unseen, np.minimum(self._score, RETURN_SCORE), self._score)
 
-    def confirm(self) -> None:
-        """Confirm the tentative targets that have earned it."""
+    def confirm(self) -> list[int]:
+        """Confirm the tentative targets that have earned it, and say which."""
         rate = self._hits / np.maximum(self._frames, 1e-9)
         counts = self._frames >= ENOUGH_FRAMES
         supporters = np.count_nonzero(counts & (rate >= SUPPORTS), axis=1)
@@ -122,7 +122,10 @@ class TrackScores:
         age_s = self.last_s - self._initiated_s
         plain = (supporters >= 2) & (deniers < np.maximum(supporters - 1, 1)) & (self._fit < BAD_FIT)
         lonely = (supporters >= 2) & (deniers < supporters) & (age_s > LONELY_S) & (self._fit < LONELY_FIT)
-        self.confirmed |= (self._score > CONFIRM_SCORE) & (age_s > CONFIRM_S) & (plain | lonely)
+        earned = (self._score > CONFIRM_SCORE) & (age_s > CONFIRM_S) & (plain | lonely)
+        new: list[int] = np.nonzero(earned & ~self.confirmed)[0].tolist()
+        self.confirmed |= earned
+        return new
 
     @property
     def denied(self) -> NDArray[np.bool_]:

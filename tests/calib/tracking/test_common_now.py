@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.observations import Frame
-from calib.tracking.common_now import GONE_S, MOST_WAITING, CommonNow
+from calib.tracking.common_now import ALONE_S, GONE_S, MOST_WAITING, CommonNow
 
 
 def frame(camera: str = "cam0") -> Frame:
@@ -48,6 +48,31 @@ def test_those_who_are_gone_confirm_nothing_and_hold_nobody_up() -> None:
     assert common.now_s == 1.0
     common.note("cam0", 1.0 + GONE_S + 0.1)
     assert common.now_s == 1.0 + GONE_S + 0.1
+
+
+def test_the_last_that_speaks_is_followed_after_a_second_and_the_others_count_again_when_they_come_back() -> None:
+    common, fps = CommonNow(), 25
+    for camera in ("cam0", "cam1", "cam2"):
+        common.note(camera, 1.0)
+    for number in range(1, 2 * fps):
+        common.note("cam0", 1.0 + number / fps)
+        alone = number / fps > ALONE_S + 1.5 / fps
+        assert common.now_s == 1.0 or number / fps > ALONE_S
+        assert common.now_s == 1.0 + number / fps or not alone
+    common.note("cam1", 3.0)
+    common.note("cam0", 4.0)
+    assert common.now_s == 3.0
+
+
+def test_a_camera_in_a_hurry_is_not_alone() -> None:
+    """Twenty frames of one between two of others are a burst, however far apart they say they were taken."""
+    common = CommonNow()
+    for number in range(20):
+        common.note("cam0", number / 30)
+        common.note("cam1", number / 30)
+        for ahead in range(20):
+            common.note("liar", number / 30 + 0.1 * ahead)
+        assert common.now_s <= (number + 1) / 30
 
 
 def test_what_waits_comes_in_the_order_it_came_and_once() -> None:
