@@ -10,7 +10,7 @@ MATHEMATICS := $(addprefix tests/calib/, geometry adjustment solving tracking)
 export OPENBLAS_NUM_THREADS ?= 1
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 
-.PHONY: setup demo test test-all test-rooms test-whole test-waiting test-field test-machine test-packages rehearse test-kernels fuzz check lock bundle clean
+.PHONY: setup demo test test-all test-rooms test-whole test-waiting test-field test-machine test-packages rehearse test-kernels fuzz peers check lock bundle clean
 
 setup: .venv/installed
 
@@ -38,7 +38,7 @@ test-all: check
 	$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-rooms test-waiting
 	$(MAKE) --no-print-directory test-kernels
 
-test-waiting: setup
+test-waiting: setup peers
 	$(MAKE) --no-print-directory test-whole
 	$(MAKE) --no-print-directory test-packages
 
@@ -82,6 +82,16 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Other people's ground stations, which a test of MAVLink asks where they are: 150 MB in an environment of their own.
+peers: .venv/peers/installed
+
+.venv/peers/installed: tests/peers.lock .venv/installed
+	$(PYTHON) -m venv --clear --without-pip .venv/peers
+	$(PIP) --python .venv/peers/bin/python install --no-deps --no-compile --require-hashes -r tests/peers.lock
+	$(BIN)/python -c 'import sys; print(*(each for each in sys.path if each.endswith("site-packages")), sep="\n")' > \
+		$$(.venv/peers/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/ours.pth
+	touch $@
 
 # The versions and hashes that everybody gets. pip-tools has an environment of its own: nobody else needs it.
 lock:

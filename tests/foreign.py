@@ -1,4 +1,5 @@
-"""Other people's programs that tests ask: which Debian package each is in, and what a test without one does.
+"""Other people's programs that tests ask: which Debian package each is in, or that `make peers` lays them beside ours,
+and what a test without one does.
 
 The hazard is the test that nobody runs: a machine without a browser passes every test of the page by skipping it. So
 `make test` skips with the package's name, for a person who wants no browser; and where SKYFIX_REQUIRE_PROGRAMS is set,
@@ -8,6 +9,7 @@ before anything is installed.
 
 import os
 import shutil
+from pathlib import Path
 from typing import Final
 
 PACKAGES: Final = {
@@ -34,11 +36,15 @@ PACKAGES: Final = {
     "tshark": "tshark",
     "unshare": "util-linux",
 }
+PEERS: Final = Path(__file__).parents[1] / ".venv" / "peers"  # MAVProxy, and MAVSDK that it is installed with
+MAVPROXY: Final = "mavproxy.py"
 REQUIRED: Final = "SKYFIX_REQUIRE_PROGRAMS"  # environment variable: a missing program is a failure, not a skip
 
 
 def missing(program: str) -> str:
     """Why a test that asks this program cannot run here; empty if it can. KeyError: it is not listed."""
+    if program == MAVPROXY:
+        return "" if (PEERS / "bin" / program).exists() else "MAVProxy and MAVSDK are not installed (make peers)"
     package = PACKAGES[program]
     return "" if shutil.which(program) else f"{program} is not installed (Debian package {package})"
 

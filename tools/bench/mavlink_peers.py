@@ -1,7 +1,7 @@
 """Do others read what the base says, signed, an hour after it started? MAVProxy, MAVSDK, Wireshark and stock pymavlink.
 
-    python -m venv peers && peers/bin/pip install MAVProxy mavsdk setuptools; apt install tshark
-    python -m tools.bench.mavlink_peers --peers peers            what is not installed is said to be absent
+    make peers; apt install tshark
+    python -m tools.bench.mavlink_peers            what is not installed is said to be absent
 
 A base starts with a clock that is an hour behind, tracks a target and signs; then its clock is set right, as if an
 hour had gone by, and only now the peers start, with the clock they have. Each row counts what a peer took for good
@@ -17,9 +17,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
+from tools.doubles.base import ROOT
 from tools.doubles.peers import Peers, dissected, has_wireshark
 from tools.doubles.peers_at_base import KINDS, Hour
 
+PEERS: Final = ROOT / ".venv" / "peers"
 IDS: Final = {"TARGET_TRACK_ECEF": "45000", "TRACKER_STATUS": "45001", "ADSB_VEHICLE": "246", "HEARTBEAT": "0"}
 
 
@@ -49,7 +51,7 @@ def report(found: dict[str, Counter[str]], stock: int) -> None:
 def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--peers", type=Path, required=True, help="a virtual environment with MAVProxy and mavsdk")
+    parser.add_argument("--peers", type=Path, default=PEERS, help="a virtual environment with MAVProxy and mavsdk")
     parser.add_argument("--seconds", type=float, default=15.0)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:

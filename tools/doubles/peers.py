@@ -1,13 +1,15 @@
 """Other people's receivers of MAVLink: MAVProxy, MAVSDK, Wireshark and stock pymavlink, as processes of their own.
 
-None of them is needed to run or to test Skyfix; each is used where it is installed.
+None of them is needed to run Skyfix; each is used where it is installed.
 """
 
 import os
+import re
 import shutil
 import struct
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -35,6 +37,37 @@ transponder.subscribe_transponder(
 while True:
     time.sleep(1.0)
 """
+
+
+COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
+OPERATORS_MODULES: Final = "link,log,param,cmdlong,arm,mode,misc,adsb,battery"  # of MAVProxy; others load slowly
+
+
+class Operator:
+    """Somebody at MAVProxy's prompt."""
+
+    def __init__(self, process: "subprocess.Popen[str]", said: Path) -> None:
+        self._process, self._said = process, said
+
+    @property
+    def said(self) -> str:
+        """All that MAVProxy has written."""
+        return COLOURS.sub("", self._said.read_text())
+
+    def sees(self, words: str, within_s: float, times: int = 1) -> bool:
+        """Whether it writes this, so often, now or within a while."""
+        deadline = time.monotonic() + within_s
+        while self.said.count(words) < times:
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.05)
+        return True
+
+    def type(self, words: str) -> None:
+        """Type a line."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(words + "\n")
+        self._process.stdin.flush()
 
 
 class Peers:
@@ -68,6 +101,16 @@ class Peers:
             yield
 
     @contextmanager
+    def operator(self, port: int, out: int) -> Iterator[Operator]:
+        """MAVProxy listening at a port, with somebody at its prompt; all it hears goes on to `out`."""
+        home = self._folder / "operator"
+        home.mkdir()
+        command = [str(self._mavproxy), f"--master=udpin:127.0.0.1:{port}", f"--out=udpout:127.0.0.1:{out}"]
+        own = [f"--state-basedir={home}", f"--logfile={home / 'tlog'}", f"--default-modules={OPERATORS_MODULES}"]
+        with self._running([*command, *own], home, home / "said.txt") as process:
+            yield Operator(process, home / "said.txt")
+
+    @contextmanager
     def mavsdk(self, port: int) -> Iterator[Path]:
         """MAVSDK listening at a port; the file where it writes a line for each aircraft it is told of."""
         home = self._folder / "mavsdk"
@@ -77,16 +120,24 @@ class Peers:
             yield said
 
     @contextmanager
-    def _running(self, words: list[str], home: Path, said: Path) -> Iterator[None]:
+    def _running(self, words: list[str], home: Path, said: Path) -> Iterator["subprocess.Popen[str]"]:
         environment = {**os.environ, "HOME": str(home), "MAVLINK20": "1"}
         command = [str(self._python), *words]
         with said.open("w") as log:
-            process = subprocess.Popen(command, env=environment, cwd=home, stdout=log, stderr=subprocess.DEVNULL)
-        try:
-            yield
-        finally:
-            process.kill()
-            process.wait()
+            process = subprocess.Popen(
+                command,
+                env=environment,
+                cwd=home,
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
+        with process:
+            try:
+                yield process
+            finally:
+                process.kill()
 
 
 def has_wireshark() -> bool:
@@ -95,7 +146,10 @@ def has_wireshark() -> bool:
 
 
 def dissected(datagrams: list[bytes], folder: Path) -> Counter[str]:
-    """How often Wireshark reads each message id, with the dissector that MAVLink's generator makes of our XML."""
+    """How often Wireshark reads each message id, with the dissector that MAVLink's generator makes of our XML.
+
+    Under "malformed": of how many datagrams it complains, a message that the dissector does not know say.
+    """
     definitions = Path(pymavlink.__file__).parent / "dialects" / "v20"
     for name in ("common", "standard", "minimal"):
         shutil.copy(definitions / f"{name}.xml", folder)
@@ -103,10 +157,14 @@ def dissected(datagrams: list[bytes], folder: Path) -> Counter[str]:
     make = [sys.executable, "-m", "pymavlink.tools.mavgen", "--lang=WLua", "--wire-protocol=2.0", "-o"]
     subprocess.run([*make, str(folder / "skyfix"), str(folder / "skyfix.xml")], check=True, capture_output=True)
     (folder / "frames.pcap").write_bytes(pcap(datagrams))
-    shown = ["-T", "fields", "-e", "mavlink_proto.msgid"]
+    fields = ("mavlink_proto.msgid", "_ws.malformed", "_ws.lua.error", "_ws.expert.message")
+    shown = ["-T", "fields", *(word for field in fields for word in ("-e", field))]
     command = ["tshark", "-r", str(folder / "frames.pcap"), "-X", f"lua_script:{folder / 'skyfix.lua'}", *shown]
     told = subprocess.run(command, capture_output=True, text=True, check=True)
-    return Counter(told.stdout.split())
+    rows = [line.split("\t") for line in told.stdout.splitlines()]
+    found = Counter(row[0] for row in rows)
+    found["malformed"] = sum(any(row[1:]) for row in rows)
+    return found
 
 
 def pcap(datagrams: list[bytes]) -> bytes:

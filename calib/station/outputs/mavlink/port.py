@@ -5,6 +5,8 @@ and a command obeyed that nobody was entitled to give. So tracks are limited in 
 times and then nothing, and commands count only when signed, or from a system that the configuration lists; but every
 command addressed to us is answered, because senders repeat what is not. Addressed to all components of the system that
 the station shares with a vehicle, only its own commands are: whoever waits for the autopilot's answer would take ours.
+And a question is no order: QGroundControl asks whatever beats under its vehicle's system id, a dozen times, whether it
+is a camera or a gimbal (READ in its camera manager and gimbal controller), and that must not look like an attack.
 """
 
 import math
@@ -34,6 +36,11 @@ TEXTS_A_SECOND: Final = 5  # STATUSTEXT: an operator reads no more, a radio carr
 MAX_INTERVAL_US: Final = 60_000_000
 MOST_PEERS: Final = 64  # parsers kept: clients of one endpoint at a time
 OWN_COMMANDS: Final = frozenset({dialect.MAV_CMD_SKYFIX_CALIBRATE})
+ONLY_ASKING: Final = frozenset(  # commands that only want to be told something
+    number
+    for number, entry in common.enums["MAV_CMD"].items()
+    if entry.name.startswith(("MAV_CMD_REQUEST_", "MAV_CMD_GET_"))
+)
 
 
 @dataclass
@@ -93,7 +100,7 @@ class MavlinkPort:
         self._text_budget, self._texts = TEXTS_A_SECOND, 0
         self._signed = key is not None
         self._running: common.MAVLink_command_long_message | None = None
-        self.counters = Counter(sent=0, unsendable=0, commands_obeyed=0, commands_refused=0)
+        self.counters = Counter(sent=0, unsendable=0, questions=0, commands_obeyed=0, commands_refused=0)
 
     @property
     def _codecs(self) -> list[Codec]:
@@ -200,7 +207,11 @@ class MavlinkPort:
         codec = self._addressed(message)
         if codec is None or (message.target_component == 0 and message.command not in OWN_COMMANDS):
             return []
-        extra: list[bytes] = []
+        if message.command in ONLY_ASKING and message.signature in {"good", "unsigned"}:
+            self.counters["questions"] += 1
+            result, extra = self._tell(codec, message)
+            return [self._acknowledge(codec, message, result), *extra]
+        extra = []
         if not self._entitled(message):
             result = common.MAV_RESULT_DENIED
             self.counters[f"commands_{message.signature if self._signed else 'unlisted'}"] += 1
@@ -236,9 +247,16 @@ class MavlinkPort:
             return common.MAV_RESULT_IN_PROGRESS, []
         if message.command == common.MAV_CMD_SET_MESSAGE_INTERVAL:
             return self._set_interval(_whole(message.param1), float(message.param2)), []
-        if message.command == common.MAV_CMD_REQUEST_MESSAGE and _whole(message.param1) == 148:
-            return common.MAV_RESULT_ACCEPTED, [codec.encoded(_version())]
         return common.MAV_RESULT_UNSUPPORTED, []
+
+    def _tell(self, codec: Codec, message: common.MAVLink_command_long_message) -> tuple[int, list[bytes]]:
+        """The answer to a question: the version, to whoever may give orders; of all else there is nothing to tell."""
+        version = (common.MAV_CMD_REQUEST_MESSAGE, common.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        if (message.command, _whole(message.param1)) != version:
+            return common.MAV_RESULT_UNSUPPORTED, []
+        if not self._entitled(message):
+            return common.MAV_RESULT_DENIED, []
+        return common.MAV_RESULT_ACCEPTED, [codec.encoded(_version())]
 
     def _set_interval(self, message_id: int, interval_us: float) -> int:
         paced = {246: self._adsb, 45000: self._tracks}.get(message_id)

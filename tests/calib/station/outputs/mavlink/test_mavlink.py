@@ -291,23 +291,6 @@ def test_a_sensors_calibration_starts_nothing_here() -> None:
     assert one.counters["commands_unsupported"] == 7
 
 
-def test_what_ground_stations_ask_on_connecting_gets_what_a_component_that_is_no_autopilot_says() -> None:
-    """QGroundControl's sequence: parameters, mission, versions, camera, component information; then silence or no."""
-    one, gcs = port(), Codec(255, 190)
-    for target in ((1, 0), (1, 1), (1, ECEF), (1, GCS)):
-        for message in (
-            common.MAVLink_param_request_list_message(*target),
-            common.MAVLink_mission_request_list_message(*target, 0),
-            common.MAVLink_mission_request_list_message(*target, 2),
-            common.MAVLink_request_data_stream_message(*target, 0, 4, 1),
-        ):
-            assert one.receive(gcs.encoded(message), 0, lambda _: True) == []
-    for number, asked in ((512, 148), (512, 259), (512, 395), (512, 397), (520, 1), (521, 1), (519, 1)):
-        for component in (0, 1, 100):
-            assert answer(one, command(number, component=component, p1=asked)) == []
-        assert [m.get_type() for m in answer(one, command(number, p1=asked))] == ["COMMAND_ACK"]
-
-
 def test_each_peer_has_its_own_parser() -> None:
     one, frame = port(commands_from=[255]), command(511, p1=45000, p2=100_000)
     for cut in range(1, len(frame), 3):
