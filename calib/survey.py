@@ -22,7 +22,6 @@ from edge.common.static_rtk import LEAST_STATIC_SIGMA_M
 INDEPENDENT_AFTER_S: Final = 1200.0  # three correlation times of the slow error: 5 % of it is still shared
 MAX_APART_H_M, MAX_APART_V_M = 0.050, 0.080  # twice what 95 % of good pairs differ by, measured on network RTK
 MAX_BESIDE_LENS_M: Final = 0.010  # its direction is unknown before the camera's heading is
-UNKNOWN_FRAME_SIGMA_M: Final = 1.0  # the realisations in use differ by up to that; it moves all cameras alike
 
 Reference = Literal["phase-centre", "ARP"]
 
@@ -186,12 +185,3 @@ def loop_closure(occupations: list[Occupation]) -> Closure | None:
         return None
     first, *_, last = sorted(occupations, key=lambda occupation: occupation.t_unix_ns)
     return Closure(apart(first, last), (last.t_unix_ns - first.t_unix_ns) * 1e-9)
-
-
-def absolute_sigma(
-    sigma_m: tuple[float, float, float], *, frame_known: bool, conversion_sigma_m: float = 0.0
-) -> tuple[float, float, float]:
-    """One sigma in WGS 84: an unknown frame adds a metre to it, though nothing to the network's own shape."""
-    extra_m = math.hypot(conversion_sigma_m, 0.0 if frame_known else UNKNOWN_FRAME_SIGMA_M)
-    east, north, up = (math.hypot(sigma, extra_m) for sigma in sigma_m)
-    return east, north, up

@@ -12,6 +12,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from calib.reference_frame import UNKNOWN_LABEL
 from calib.tracking.options import TrackerOptions
 from edge.clock.settings import ClockConfig
 from edge.common import settings
@@ -45,6 +46,13 @@ class SiteSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         Geodetic | None,
         Meta(description="latitude and longitude in degrees, ellipsoidal metres; left out: mean of the cameras"),
     ] = None
+    frame: Annotated[
+        str,
+        Meta(
+            description="reference frame of the positions in this file, such as ETRS89 or EPSG:9989; while it is not"
+            " known, 1 m is added to the sigma of what is sent"
+        ),
+    ] = UNKNOWN_LABEL
     undulation_m: Annotated[
         Annotated[float, Meta(ge=-120, le=100)] | None,
         Meta(description="geoid (EGM96) above ellipsoid there; an endpoint of profile `gcs` needs it"),

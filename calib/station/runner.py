@@ -32,7 +32,7 @@ from calib.station.own_clock import check_own_clock
 from calib.station.standing import LoopWatch, disk_checks, fault_of, standing_of, synced
 from calib.station.status.snapshot import StationView, snapshot
 from calib.station.status.status import StationStatus
-from calib.station.survey.in_force import with_survey
+from calib.station.survey.in_force import frames_in_force, with_survey
 from calib.station.worker import LIVE, Solver, Worker
 from edge import __version__
 from edge.clock.monitor import ClockMonitor
@@ -71,7 +71,8 @@ class Runner:
         self.worker = stack.enter_context(Worker(solver))
         host = OutputHost(config.site, folder, state, self._record_own, self._keep_signing_ticks)
         self.outputs = open_outputs(config, host, stack)
-        self.station = Station(config, cameras, state, self.outputs.rate_hz)
+        frames = frames_in_force(config, folder)
+        self.station = Station(config, cameras, state, self.outputs.rate_hz, frames)
         self.orders = Orders(self.station, self.worker, self.recording)
         self.boxes = Boxes(config.link, site, state_folder / "ledger.json", stack)
         self.display = open_display(config, folder, self.boxes.link, stack)

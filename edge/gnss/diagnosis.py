@@ -1,11 +1,11 @@
 """What is wrong with the receiver and what to do: every cause of "no position" told apart. Pure: time is handed in."""
 
-import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, Literal
 
 from edge.gnss.gates import Reason
+from edge.gnss.outlook import outlook
 from edge.gnss.session import StaticSession, Surveyed
 
 SILENT_S: Final = 3.0  # every receiver speaks at least once a second
@@ -80,15 +80,24 @@ class Watch:
 
 def diagnose(session: StaticSession, surveyed: Surveyed | None, watch: Watch, now_s: float) -> ReceiverStatus:
     """The status of an open port at monotonic now_s."""
-    state, level, reason, action = (
-        _of_line(session, watch, now_s)
-        or _of_turns(session)
-        or _of_epochs(session, watch, now_s)
-        or _of_mean(session, surveyed, watch)
-    )
+    state, level, reason, action = _finding(session, surveyed, watch, now_s)
     refusal = session.last_refusal
     mends = state is not ReceiverState.NO_FIX or refusal is None or refusal.reason not in OF_SETTINGS
     return ReceiverStatus(state, level, reason, action, counters(session), watch.host_minus_gnss_s, mends)
+
+
+def _finding(session: StaticSession, surveyed: Surveyed | None, watch: Watch, now_s: float) -> Finding:
+    """What is wrong, the first of it; and how the receiver stands, where it speaks."""
+    if found := _of_line(session, watch, now_s):
+        return found
+    heard = outlook(session, surveyed if _accepts(session, now_s) else None)
+    state, level, reason, action = _of_turns(session) or _of_epochs(session, watch, now_s) or _of_mean(surveyed, watch)
+    return state, level, "; ".join(part for part in (reason, heard) if part), action
+
+
+def _accepts(session: StaticSession, now_s: float) -> bool:
+    """Whether an epoch has been accepted lately."""
+    return session.last_accepted_s is not None and now_s - session.last_accepted_s <= STALE_S
 
 
 def _of_line(session: StaticSession, watch: Watch, now_s: float) -> Finding | None:
@@ -114,7 +123,7 @@ def _of_turns(session: StaticSession) -> Finding | None:
 
 def _of_epochs(session: StaticSession, watch: Watch, now_s: float) -> Finding | None:
     """Why no epoch has been accepted lately, if none has."""
-    if session.last_accepted_s is not None and now_s - session.last_accepted_s <= STALE_S:
+    if _accepts(session, now_s):
         return None
     if session.last_refusal is None and session.last_malformed:
         reason = f"it cannot be read: {session.last_malformed} ({session.counts['malformed']} messages so)"
@@ -124,11 +133,10 @@ def _of_epochs(session: StaticSession, watch: Watch, now_s: float) -> Finding | 
     if session.last_refusal is None:
         action = f"make it send {session.wanted}"
         return ReceiverState.NO_FIX, "warn", "no position among its messages", action
-    sky = f"; {session.sky}" if session.sky else ""
-    return ReceiverState.NO_FIX, "warn", f"{session.last_refusal}{sky}", ADVICE[session.last_refusal.reason]
+    return ReceiverState.NO_FIX, "warn", str(session.last_refusal), ADVICE[session.last_refusal.reason]
 
 
-def _of_mean(session: StaticSession, surveyed: Surveyed | None, watch: Watch) -> Finding:
+def _of_mean(surveyed: Surveyed | None, watch: Watch) -> Finding:
     """What the average is worth."""
     if surveyed is None:
         return ReceiverState.AVERAGING, "warn", "averaging begins", "wait"
@@ -138,15 +146,12 @@ def _of_mean(session: StaticSession, surveyed: Surveyed | None, watch: Watch) ->
     if mean.fault:
         action = "break the corrections or cover the antenna, let it fix again, and do not move it"
         return ReceiverState.DOUBTED, "fail", mean.fault, action
-    sigma_mm = math.hypot(*mean.sigma_m[:2]) * 1000
-    size = f"{sigma_mm:.0f} mm horizontal, {mean.sigma_m[2] * 1000:.0f} mm vertical"
-    worth = f"{mean.samples} epochs in {mean.duration_s:.0f} s, {size}; {session.sky}"
     if watch.host_minus_gnss_s is not None and abs(watch.host_minus_gnss_s) > MAX_CLOCK_APART_S:
         reason, action = _of_clocks(watch.host_minus_gnss_s, watch.oldest_possible_s)
-        return ReceiverState.AVERAGING, "warn", f"{reason}; {worth}", action
+        return ReceiverState.AVERAGING, "warn", reason, action
     if mean.warnings:
-        return ReceiverState.AVERAGING, "warn", f"{mean.warnings[0]}; {worth}", "change the receiver's settings"
-    return ReceiverState.AVERAGING, "ok", worth, ""
+        return ReceiverState.AVERAGING, "warn", mean.warnings[0], "change the receiver's settings"
+    return ReceiverState.AVERAGING, "ok", "", ""
 
 
 def _of_clocks(host_minus_gnss_s: float, host_minus_newest_file_s: float) -> tuple[str, str]:

@@ -42,7 +42,7 @@ class Part:
     the part of the same tow_ms (time of week), one without any time to the newest instant. quality: as GGA numbers it.
     satellites: used. age_s: of the corrections. date, and date_rank, how far it is to be trusted beside others.
     sigma_m: one sigma each of whichever directions, the receiver's own. pdop: position dilution of precision.
-    contradiction: why this is no fixed solution whatever the quality.
+    contradiction: why this is no fixed solution whatever the quality. baseline_m: to the base of the corrections.
     """
 
     source: str
@@ -57,6 +57,7 @@ class Part:
     sigma_m: tuple[float, ...] = ()
     pdop: float | None = None
     contradiction: str = ""
+    baseline_m: float | None = None
 
 
 @dataclass
@@ -81,6 +82,11 @@ class Epoch:
     def solutions(self) -> list[Part]:
         """The parts that say what kind of solution this is. Without any, it is no epoch but a date or a sigma."""
         return [part for part in self.parts.values() if part.quality is not None]
+
+    @property
+    def fixed(self) -> bool:
+        """Whether all that say it say that this is a fixed solution."""
+        return bool(self.solutions) and all(part.quality == RTK_FIXED for part in self.solutions)
 
     def add(self, part: Part) -> None:
         """Put a part in its place."""

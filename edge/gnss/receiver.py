@@ -28,6 +28,7 @@ from edge.gnss.decoders import decoders
 from edge.gnss.diagnosis import Level, ReceiverState, ReceiverStatus, Watch, counters, diagnose
 from edge.gnss.gates import Policy, metres_per_degree
 from edge.gnss.kept_fix import WHAT_TO_DO, KeptFix
+from edge.gnss.outlook import heard
 from edge.gnss.port import Fault, PortError, ReceiverPort, open_port
 from edge.gnss.session import StaticSession, Surveyed, t_unix_ns
 from edge.messages import Fix
@@ -189,7 +190,8 @@ class Receiver(OwnThread):
         if surveyed and status.state is ReceiverState.AVERAGING:
             fix = self._kept_fix(surveyed)
             if self._kept.reason:
-                reason = f"{self._kept.reason}; its sigma covers both"
+                metres = f"{math.hypot(*fix.sigma_m[:2]):.2f} m horizontal, {fix.sigma_m[2]:.2f} m vertical"
+                reason = f"{self._kept.reason}; its sigma covers both: {metres}; {heard(self._session)}"
                 status = replace(status, level="fail", reason=reason, action=WHAT_TO_DO)
         with self._changed:
             if self._restart:

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from edge.gnss.averaging import SERVICES, Service, StaticMean, average
+from edge.gnss.averaging import MIN_DURATION_S, SERVICES, Service, StaticMean, average
 from edge.gnss.decoder import Decoder, MalformedError
 from edge.gnss.decoders import decoders as all_decoders
 from edge.gnss.epoch import MS_PER_DAY, Epoch, EpochAssembler
@@ -22,7 +22,6 @@ from edge.gnss.framing import Framer, Packet
 from edge.gnss.gates import (
     CONFIRMATIONS,
     MAX_STEP_H_M,
-    QUALITY_NAMES,
     Policy,
     Position,
     Reason,
@@ -38,6 +37,7 @@ from edge.gnss.way import Way
 STATIC_WINDOW_S: Final = 600.0  # 180 s -> 600 s still gains a third, more hardly anything
 SETTLING_S: Final = 60.0  # a receiver that has just fixed converges for up to a minute
 MOST_EPOCHS: Final = 12_000  # ten minutes at 20 Hz
+BASELINE_LASTS_S: Final = 60.0  # a distance that was not told for so long may be another base's by now
 REMEMBERED_EPOCHS: Final = 30  # epochs that are looked back on for positions of two places in turn
 # Refusals that say something of the antenna, and not only of the message: that it may be elsewhere by now.
 SPEAKS_AGAINST: Final = frozenset({Reason.QUALITY, Reason.JUMP})
@@ -47,13 +47,17 @@ NS_PER_DAY: Final = MS_PER_DAY * NS_PER_MS
 
 @dataclass(frozen=True)
 class Surveyed:
-    """A session's result: degrees, ellipsoidal metres, and the mean it comes from."""
+    """A session's result: degrees, ellipsoidal metres, and the mean it comes from.
+
+    trusted_in_s: seconds at rest until it may be used; 0 where it may, None where waiting alone does not mend it.
+    """
 
     lat_deg: float
     lon_deg: float
     height_m: float
     mean: StaticMean
     latest: Position
+    trusted_in_s: float | None = 0.0
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,9 @@ class StaticSession:
         """decoders: of the protocols to read; None for all there are."""
         self._service = service
         self._policy = policy or Policy()
-        self._baseline_m = baseline_m
+        self.set_baseline_m = baseline_m
+        self._told_baseline: tuple[float, float] | None = None  # when, by the clock of our own, and m
+        self._t_s = -math.inf
         self._decoders = {decoder.name: decoder for decoder in decoders or all_decoders()}
         self._framer = Framer(self._decoders.values())
         self._assembler = EpochAssembler()
@@ -97,7 +103,7 @@ class StaticSession:
         self.against = ""  # why the newest epoch does not confirm the position; empty where it does
         self.jumps = 0  # epochs in a row that were elsewhere
         self.last_malformed = ""  # what could not be read of the last message that broke its own rules
-        self._latest: Epoch | None = None
+        self.latest: Epoch | None = None
         self._newest: deque[Position] = deque(maxlen=3)
         self._turns: deque[bool] = deque(
             maxlen=REMEMBERED_EPOCHS
@@ -122,6 +128,7 @@ class StaticSession:
 
     def feed(self, data: bytes, t_s: float) -> list[Position]:
         """The positions accepted because of `data`, which came at monotonic t_s. Feed b"" when nothing comes."""
+        self._t_s = t_s
         epochs: list[Epoch] = []
         for frame in self._framer.feed(data, t_s):
             epochs += self._add(frame, t_s)
@@ -157,6 +164,9 @@ class StaticSession:
         rest_s = self._now_s - self._moved_until_s
         if rest_s < SETTLING_S and (not mean.fault or mean.young):
             mean = replace(mean, fault=f"{self._moved}; at rest for {rest_s:.0f} of {SETTLING_S:.0f} s", young=False)
+            left_s: float | None = SETTLING_S - rest_s
+        else:
+            left_s = max(MIN_DURATION_S - mean.duration_s, 1.0) if mean.young else None if mean.fault else 0.0
         origin = self._origin
         east_m, north_m = metres_per_degree(origin.lat_deg)
         east, north, up = (float(value) for value in mean.mean_m)
@@ -166,6 +176,7 @@ class StaticSession:
             origin.height_m + up,
             mean,
             self._window[-1].position,
+            left_s,
         )
 
     @property
@@ -174,16 +185,11 @@ class StaticSession:
         return sum(self._turns) >= REMEMBERED_EPOCHS // 3
 
     @property
-    def sky(self) -> str:
-        """What the receiver says of its last epoch: the solution, the satellites, the age of the corrections."""
-        if self._latest is None:
-            return ""
-        parts = self._latest.parts.values()
-        said = [QUALITY_NAMES.get(part.quality, "unknown") for part in parts if part.quality is not None][:1]
-        satellites = [part.satellites for part in parts if part.satellites]
-        said += [f"{max(satellites)} satellites"] if satellites else []
-        ages = [part.age_s for part in parts if part.age_s is not None]
-        return ", ".join(said + ([f"corrections {max(ages):g} s old"] if ages else []))
+    def told_baseline_m(self) -> float | None:
+        """How far away the receiver says that the base is of its corrections; None where it does not, or not lately."""
+        if self._told_baseline is None or self._t_s - self._told_baseline[0] > BASELINE_LASTS_S:
+            return None
+        return self._told_baseline[1]
 
     def _mean(self) -> StaticMean:
         return average(
@@ -192,7 +198,7 @@ class StaticSession:
             np.array([accepted.segment for accepted in self._window]),
             self._service,
             step_m=self._window[0].position.step_m,
-            baseline_m=self._baseline_m,
+            baseline_m=max(self.set_baseline_m, self.told_baseline_m or 0.0),
         )
 
     def _add(self, frame: Packet, t_s: float) -> list[Epoch]:
@@ -203,13 +209,16 @@ class StaticSession:
             self.last_malformed = str(error)
             return []
         self.last_message_s = t_s
+        if part is not None and part.baseline_m is not None:
+            self._told_baseline = (t_s, part.baseline_m)
+            return []
         return self._assembler.add(part, t_s) if part is not None else []
 
     def _take(self, epoch: Epoch, t_s: float) -> list[Position]:
         if not epoch.solutions:
             return []  # a date or a sigma by itself is no epoch
         self.counts["epochs"] += 1
-        self._latest = epoch
+        self.latest = epoch
         judged = judge(epoch, self._policy)
         if isinstance(judged, Refusal):
             if judged.reason is Reason.QUALITY:

@@ -13,10 +13,8 @@ from calib.geodesy import enu_to_geodetic, geodetic_to_enu
 from calib.survey import (
     MAX_APART_H_M,
     MAX_APART_V_M,
-    UNKNOWN_FRAME_SIGMA_M,
     Antenna,
     Occupation,
-    absolute_sigma,
     apart,
     combine,
     loop_closure,
@@ -128,13 +126,6 @@ def test_the_loop_closes_or_does_not() -> None:
 def test_nothing_to_combine() -> None:
     with pytest.raises(CalibrationError):
         combine([], where="cam1")
-
-
-def test_an_unknown_frame_widens_the_absolute_sigma() -> None:
-    sigma = (0.01, 0.01, 0.02)
-    assert absolute_sigma(sigma, frame_known=True) == pytest.approx(sigma)
-    assert absolute_sigma(sigma, frame_known=False)[0] == pytest.approx(UNKNOWN_FRAME_SIGMA_M, rel=1e-3)
-    assert absolute_sigma(sigma, frame_known=True, conversion_sigma_m=0.1)[0] == pytest.approx(0.1005, rel=1e-3)
 
 
 @given(st.lists(st.tuples(st.floats(1, 600), st.floats(0, 300)), min_size=1, max_size=8))

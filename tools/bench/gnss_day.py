@@ -26,7 +26,7 @@ from edge.config import GnssConfig
 from edge.gnss.diagnosis import Watch
 from edge.gnss.gates import metres_per_degree
 from edge.gnss.receiver import Receiver
-from edge.messages import Fix, encode
+from edge.messages import Fix, Health, encode
 from tools.doubles.receiver import Place, gga, rmc, rtk_error
 
 HOUR_S: Final = 3600
@@ -47,6 +47,7 @@ class Hour:
     quality: Array
     separation: str | None = None
     unplugged: set[int] = field(default_factory=set)
+    restarted: dict[int, tuple[str, ...]] = field(default_factory=dict)  # in which second: "box", "base"
 
 
 def _still() -> Hour:
@@ -111,6 +112,44 @@ def _pushed(rng: np.random.Generator, at: int) -> Hour:
     return hour
 
 
+def _restarted(
+    made: Callable[[np.random.Generator, int], Hour], *what: tuple[str, ...], after_s: tuple[int, int] = (2, 500)
+) -> Callable[[np.random.Generator, int], Hour]:
+    """The same, and then box, base or both start anew, each of `what` some time after the one before it."""
+
+    def hour(rng: np.random.Generator, at: int) -> Hour:
+        found, second = made(rng, at), at
+        for each in what:
+            second += int(rng.integers(*after_s))
+            found.restarted[min(second, HOUR_S - 1)] = each
+        return found
+
+    return hour
+
+
+def _switched_in_steps(rng: np.random.Generator, at: int) -> Hour:
+    hour = _still()
+    for step in range(int(rng.integers(2, 6))):
+        hour.added_m[at + step * int(rng.integers(20, 400)) :] += _away(rng, 0.1, 1.5)
+    return hour
+
+
+def _carried_and_back(rng: np.random.Generator, at: int) -> Hour:
+    hour = _carried(rng, at)
+    back = _carried(rng, min(at + int(rng.integers(100, 900)), HOUR_S - 300))
+    first = int(np.flatnonzero(back.truth_m.any(axis=1))[0])
+    hour.truth_m[first:] = (
+        hour.truth_m[first - 1] * np.linspace(1, 0, 60).clip(0)[np.minimum(np.arange(HOUR_S - first), 59)][:, None]
+    )
+    return hour
+
+
+def _carried_and_switched(rng: np.random.Generator, at: int) -> Hour:
+    hour = _carried(rng, at)
+    hour.added_m[at + int(rng.integers(0, 900)) :] = _away(rng, 0.2, 5.0)
+    return hour
+
+
 def _separation(text: str) -> Callable[[np.random.Generator, int], Hour]:
     def hour(_: np.random.Generator, __: int) -> Hour:
         made = _still()
@@ -131,6 +170,19 @@ KINDS: Final[dict[str, Callable[[np.random.Generator, int], Hour]]] = {
     "pushed": _pushed,
     "separation 0": _separation("0.0"),
     "separation of the wrong sign": _separation(f"{-PLACE.separation_m}"),
+    "base switched, box restarted": _restarted(_switched, ("box",)),
+    "base switched, box restarted twice": _restarted(_switched, ("box",), ("box",)),
+    "base switched, base restarted, box restarted": _restarted(_switched, ("base",), after_s=(650, 900)),
+    "base switched and back, box restarted": _restarted(_switched_and_back, ("box",)),
+    "base switched through float, box restarted": _restarted(_switched_through_float, ("box",)),
+    "base switched in steps": _switched_in_steps,
+    "carried, box restarted": _restarted(_carried, ("box",), after_s=(2, 300)),
+    "carried, both restarted": _restarted(_carried, ("box",), ("base",), after_s=(2, 300)),
+    "carried, base restarted": _restarted(_carried, ("base",), after_s=(2, 300)),
+    "carried and back": _carried_and_back,
+    "carried and switched": _carried_and_switched,
+    "pushed, box restarted": _restarted(_pushed, ("box",)),
+    "quiet, both restarted": _restarted(lambda rng, at: _still(), ("box",), ("base",)),
     "quiet": lambda rng, at: _still(),
 }
 
@@ -139,11 +191,18 @@ class Witness:
     """The receiver's box and its base, in virtual time."""
 
     def __init__(self) -> None:
-        self._second = 0.0
-        config = GnssConfig(device="/dev/null/none", lever_arm_m=(0.0, 0.0, 0.0))
-        self._receiver = Receiver(config, monotonic_s=lambda: self._second, unix_ns=self._unix_ns)
-        self._watch = Watch(0.0, 115200, 0)
-        self.base = Intake([CAMERA])
+        self._second, self._runs = 0.0, 0
+        self.restart(("box", "base"))
+
+    def restart(self, what: tuple[str, ...]) -> None:
+        """Box, base or both begin anew, and remember nothing."""
+        if "base" in what:
+            self.base = Intake([CAMERA])
+        if "box" in what:
+            self._runs += 1
+            config = GnssConfig(device="/dev/null/none", lever_arm_m=(0.0, 0.0, 0.0))
+            self._receiver = Receiver(config, monotonic_s=lambda: self._second, unix_ns=self._unix_ns)
+            self._watch = Watch(self._second, 115200, 0)
 
     def _unix_ns(self) -> int:
         return int(START.timestamp()) * NS + round(self._second * NS)
@@ -156,6 +215,8 @@ class Witness:
         self._second = float(second)
         self._receiver._take(b"", self._watch)
         said = self._receiver.said()
+        health = Health(t_unix_ns=self._unix_ns(), epoch=self._runs, level="ok", items=[], counters={})
+        self.base.health(self.base.cameras[CAMERA], encode(health), second * NS)
         if said is not None:
             self.base.fix(self.base.cameras[CAMERA], encode(said), second * NS)
         return said
@@ -185,6 +246,7 @@ def tried(hour: Hour, rng: np.random.Generator) -> tuple[Counter[str], float]:
     noise_m = rtk_error(np.arange(float(HOUR_S)), rng)
     heard = b""
     for second in range(HOUR_S):
+        witness.restart(hour.restarted.get(second, ()))
         if second in hour.unplugged:
             witness.unplug()
             heard = b""
@@ -200,7 +262,9 @@ def tried(hour: Hour, rng: np.random.Generator) -> tuple[Counter[str], float]:
         # What nobody confirms any more is not stood by; a moving antenna has no position.
         if said is None or said.standing != "held":
             continue
-        claims = {"stored": said} | ({"used": used} if used is not None else {})
+        # `survey boxes` asks the station that runs, and takes nothing that it doubts.
+        claims = {} if witness.base.cameras[CAMERA].fix_doubt else {"stored": said}
+        claims |= {"used": used} if used is not None else {}
         for name, fix in claims.items():
             off = error_sigmas(fix, hour.truth_m[second])
             worst = max(worst, off)

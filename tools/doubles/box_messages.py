@@ -34,7 +34,7 @@ def fix_message(camera: Camera, sigma_m: float = 0.02) -> Fix:
         height_m=height,
         quality=4,
         sigma_m=(sigma_m, sigma_m, 2 * sigma_m),
-        frame="WGS 84",
+        frame="ITRF2020",
         samples=100,
         of="lens",
     )

@@ -16,17 +16,19 @@ from typing import Final
 
 import msgspec
 
+from calib.reference_frame import frame_of_all
 from calib.station.archive.state_store import StateStore
 from calib.station.commands.arguments import add_config, folder_of
 from calib.station.config import MIN_CAMERAS, BaseConfig, Geodetic, load
 from calib.station.core.calibration import Phase
+from calib.station.core.positions import check_frame
 from calib.station.core.stored_state import StoredState
 from calib.station.inputs.receiver import receiver_settings
 from calib.station.outputs.output import Output, StationStanding
 from calib.station.outputs.registry import OutputHost, open_output, wanted
 from calib.station.own_clock import check_own_clock
 from calib.station.status.asking import Running, running_station
-from calib.station.survey.in_force import survey_file, twice_given, with_survey
+from calib.station.survey.in_force import frames_in_force, survey_file, twice_given, with_survey
 from edge.clock.monitor import read_clock
 from edge.common.errors import ConfigError
 from edge.common.health import SEVERITY, Check
@@ -39,7 +41,7 @@ from edge.link.security import Bearer, check_security
 SENDS: Final = 3  # times that an output sends, so that what the network says of the first is heard
 BETWEEN_SENDS_S: Final = 0.15
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
-ASKED_FOR: Final = ("versions", "recordings")  # findings that only the station that runs can have
+ASKED_FOR: Final = ("versions", "recordings", "frame")  # findings that only the station that runs can have
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
 
 
@@ -85,6 +87,7 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
     if running is not None and running.site == config.site.name:
         yield from _told_by(running)  # ports and receivers are its own: it is asked, not fought
         return
+    yield from _frame(config, folder)
     yield from _outputs(config, folder)
     yield from _receiver(config)
     for endpoint in config.link.listen:
@@ -97,15 +100,24 @@ def _told_by(running: Running) -> Iterator[Line]:
     reason = f"version {running.version} runs here: {running.phase}"
     verdict = "FAIL" if running.phase == Phase.BLIND else "PASS"
     yield Line(verdict, "running station", f"{reason}, {running.reason}" if running.reason else reason, running.action)
-    for said in running.health.items:
-        if said.name in ASKED_FOR:
-            yield Line("PASS" if said.level == "ok" else "WARN", said.name, said.reason, said.action)
+    for found in running.health.items:
+        if found.name in ASKED_FOR:
+            well = found.level == "ok" and not found.action
+            yield Line("PASS" if well else "WARN", found.name, found.reason, found.action)
+    for camera in running.cameras:
+        if said := camera.receiver:
+            yield Line(_verdict(said.level), f"receiver {camera.id}", said.reason, said.action)
     for each in running.endpoints:
         name = f"{each.output} {each.url}"
         if each.last_error:
             yield Line("WARN", name, each.last_error, "see whether the receiver is there")
         else:
             yield Line("PASS", name, f"{each.content}, {each.sent} sent".lstrip(", "))
+
+
+def _verdict(level: str) -> str:
+    """Of a level by another version's words."""
+    return next((verdict for known, verdict in VERDICTS.items() if known == level), "WARN")
 
 
 def _positions(config: BaseConfig, folder: Path) -> Iterator[Line]:
@@ -127,6 +139,17 @@ def _positions(config: BaseConfig, folder: Path) -> Iterator[Line]:
     if twice:
         reason = f"{', '.join(twice)}: the position in the configuration is used, not the one in {file}"
         yield Line("WARN", "survey", reason, "take `position` out of the configuration, or `base-station survey drop`")
+
+
+def _frame(config: BaseConfig, folder: Path) -> Iterator[Line]:
+    """Whether what is sent has a place on the Earth to better than a metre."""
+    try:
+        frames = frames_in_force(config, folder)
+    except ConfigError:
+        return  # what is wrong with the survey has been said
+    if frames:
+        said = check_frame(frame_of_all(frames.values()))
+        yield Line("WARN" if said.action else "PASS", said.name, said.reason, said.action)
 
 
 def _undulation(config: BaseConfig, surveyed: list[Geodetic]) -> Iterator[Line]:

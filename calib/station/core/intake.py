@@ -26,7 +26,7 @@ from edge.common.health import Check
 from edge.common.units import NS
 from edge.gnss.kept_fix import KeptFix
 from edge.lens import LensModel
-from edge.messages import Detection, Fix, Health, Lens, Tracks, decode
+from edge.messages import Detection, Fix, Health, HealthItem, Lens, Tracks, decode
 
 # Of the image's size: half the box of an object that fills a tenth of it, cut by the edge. Farther out the visible part
 # says little of the middle, and the lens model was never measured.
@@ -59,7 +59,8 @@ class CameraIntake:
     fix: Fix | None = None  # with a sigma that covers what contradicts it
     kept_fix: KeptFix = field(default_factory=KeptFix)
     taken_back: str = ""  # why its box no longer stands by its position; empty while it does
-    fix_doubts: int = 0  # how often something spoke against a position that had been used
+    fix_doubts: int = 0  # how often something spoke against a position
+    doubted_by_run: int | None = None  # the run of its box that doubted a position, until one stands by it again
     health: Health | None = None
     present: bool = False
     size_px: tuple[int, int] | None = None
@@ -86,18 +87,29 @@ class CameraIntake:
         self.since = (tracks.epoch, tracks.seq)
 
     def stand_by(self, fix: Fix) -> None:
-        """Take a position that its box stands by."""
+        """Take a position that its box stands by.
+
+        One that it doubted before is void if the same run of the box stands by another now: that one has held both
+        against each other. A run that began since knows nothing of it, so that it is held against it here.
+        """
+        if self.doubted_by_run == self.run:
+            self.kept_fix.forget()
+        self.doubted_by_run = None
         before = self.kept_fix.reason
         self.fix, self.taken_back = self.kept_fix.take(fix), ""
         self.fix_doubts += bool(self.kept_fix.reason) and not before
 
     def take_back(self, fix: Fix) -> None:
         """Its box no longer stands by its position: one that it doubts is void, one that is in use may stay so."""
-        self.taken_back = fix.why or fix.standing
         if fix.standing == "doubted":
-            self.fix_doubts += self.fix is not None
-            self.fix = None
-            self.kept_fix.forget()
+            self.fix_doubts += self.doubted_by_run is None
+            self.fix, self.doubted_by_run = None, self.run
+        self.taken_back = fix.why or fix.standing
+
+    @property
+    def run(self) -> int:
+        """Which start of its box's program is heard, as far as it has said so."""
+        return max(self.health.epoch if self.health else 0, self.epoch or 0)
 
     @property
     def fix_doubt(self) -> str:
@@ -105,6 +117,10 @@ class CameraIntake:
         if self.taken_back and self.fix is None:
             return f"its box takes its position back ({self.taken_back})"
         return self.kept_fix.reason
+
+    def said_of(self, name: str) -> HealthItem | None:
+        """What its box says of one thing; None where it says nothing of it."""
+        return next((item for item in self.health.items if item.name == name), None) if self.health else None
 
     def online(self, now_ns: int, stale_s: float) -> bool:
         """Whether frames come."""

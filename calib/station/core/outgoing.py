@@ -3,6 +3,8 @@
 The hazard is a wrong aircraft on somebody's map. What leaves here is finite, has a covariance that is one, lies where
 an object near this site can be, and is not more uncertain than useful; anything else is dropped and counted. While rays
 contradict each other and nobody knows yet which camera is wrong, every position is as uncertain as that could make it.
+Whether one is too uncertain is judged within the site; what leaves it is also as uncertain as the site's place on the
+Earth, where nobody said which reference frame its positions are in.
 """
 
 from collections.abc import Iterable
@@ -13,6 +15,7 @@ import numpy as np
 
 from calib.geodesy import Origin, R_ecef_enu, enu_to_ecef
 from calib.network import Camera
+from calib.reference_frame import ReferenceFrame
 from calib.tracking.estimates import TargetEstimate, TargetState
 from calib.tracking.targets import MISLED
 from edge.common.arrays import Array
@@ -64,6 +67,7 @@ class TargetExport:
         self._bit = {camera: 1 << k if k < 32 else 0 for k, camera in enumerate(cameras)}
         self._min_cameras, self._max_sigma_m = min_cameras, max_sigma_m
         self._doubted_enu, self._doubt_rad = np.zeros(3), 0.0
+        self._frame_m = 0.0
         self._origin: Origin | None = None
         self._R = np.eye(3)
         self._origin_ecef = np.zeros(3)
@@ -79,6 +83,10 @@ class TargetExport:
         self._doubt_rad = 0.0 if camera is None else miss_rad
         if camera is not None:
             self._doubted_enu = camera.centre_enu
+
+    def placed_in(self, frame: ReferenceFrame) -> None:
+        """From now on the site's positions are in this frame: what is sent may all be off by its sigma, alike."""
+        self._frame_m = frame.sigma_m
 
     def _covariance(self, e: TargetEstimate) -> Array:
         """With what is doubted now. It is not the filter's: it goes as it came."""
@@ -103,6 +111,7 @@ class TargetExport:
         sigma_m = float(np.sqrt(max(np.linalg.eigvalsh(P[:3, :3])[-1], 0.0)))
         if spread[0] < -1e-9 * spread[-1] or (sigma_m > self._max_sigma_m and e.state is not TargetState.LOST):
             return None
+        P = P + np.diag([self._frame_m**2] * 3 + [0.0] * 3)
         turned = np.empty((6, 6))
         turned[:3, :3], turned[:3, 3:] = R @ P[:3, :3] @ R.T, R @ P[:3, 3:] @ R.T
         turned[3:, :3], turned[3:, 3:] = turned[:3, 3:].T, R @ P[3:, 3:] @ R.T
@@ -120,6 +129,6 @@ class TargetExport:
             camera_mask=sum(self._bit.get(camera, 0) for camera in e.cameras),
             age_s=e.age_s,
             quality=e.quality,
-            sigma_m=sigma_m,
+            sigma_m=float(np.hypot(sigma_m, self._frame_m)),
             degraded=len(e.cameras) < self._min_cameras or e.state is not TargetState.CONFIRMED,
         )

@@ -8,12 +8,14 @@ antenna, sigma covers the offset that nobody measured, or every target would be 
 otherwise.
 """
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from calib.geodesy import Origin, geodetic_to_enu, mean_position
 from calib.observations import SiteCamera
+from calib.reference_frame import UNKNOWN_FRAME_SIGMA_M, ReferenceFrame, frame_of_all
 from calib.station.config import MIN_CAMERAS, CameraSection, Sigmas
 from calib.station.core.coordinates import MORE_DIGITS, Written
 from calib.station.core.intake import CameraIntake
@@ -29,6 +31,11 @@ LEAST_POSITION_SIGMA_M: Final = 0.005  # no receiver on a tripod does better, wh
 # the lens and 0.1 m beside it: 0.17 and 0.06 m rms. Boxes of a site are built alike, so that this does not average over
 # its cameras as sigmas do: times the root of the three that a site has at least.
 UNKNOWN_OFFSET_M: Final = (0.1, 0.1, 0.3)
+NAME_THE_FRAME: Final = (
+    "name the frame of the corrections: gnss.frame on the boxes, `base-station survey frame --is`, or [site] frame for "
+    "positions in the configuration"
+)
+SAME_FRAME: Final = "survey all cameras with one correction service, or correct the frame's name where it is wrong"
 
 
 def lens_position(fix: Fix) -> tuple[Origin, Sigmas]:
@@ -47,11 +54,32 @@ def check_offset(camera: str, fix: Fix) -> list[Check]:
     return [Check(f"antenna {camera}", "warn", reason, action)]
 
 
+def check_frame(frame: ReferenceFrame) -> Check:
+    """What is added to the sigma of all that is sent, for the frame of the positions that it is told from.
+
+    No alarm: nothing is wrong, and whoever hears the station in the frame of its own corrections loses nothing by it.
+    """
+    if frame.known:
+        return Check("frame", "ok", f"the positions are in {frame.label}")
+    reason = (
+        f"the positions' reference frame is not known ({frame.label}): {UNKNOWN_FRAME_SIGMA_M:g} m is added to the "
+        "sigma of every position that is sent"
+    )
+    return Check("frame", "ok", reason, NAME_THE_FRAME)
+
+
 class Positions:
     """Camera positions in the site's frame. origin: None until enough cameras have a position."""
 
-    def __init__(self, cameras: dict[str, CameraSection], origin: Origin | None) -> None:
+    def __init__(
+        self,
+        cameras: dict[str, CameraSection],
+        origin: Origin | None,
+        frames: Mapping[str, ReferenceFrame] | None = None,
+    ) -> None:
+        """frames: of the surveyed positions, by camera; unknown of those that are left out."""
         self._cameras = cameras
+        self._frames = frames or {}
         self._places: dict[str, Origin] = {}
         self.unbelieved: dict[str, str] = {}  # camera: why its position is not used
         self.origin = origin
@@ -98,6 +126,9 @@ class Positions:
     def _doubts(self, camera: str, box: CameraIntake) -> list[Check]:
         """What speaks against a camera's position: its own box, or that it lies elsewhere than before."""
         surveyed = self._cameras[camera].position
+        if surveyed is not None and box.taken_back and box.fix is None:
+            reason = f"its box doubts where it is ({box.taken_back}); the surveyed position is used"
+            return [Check(f"position {camera}", "warn", reason, "if its tripod was moved, survey it again")]
         if surveyed is not None:
             return self._beside_survey(camera, surveyed, box)
         if why := box.fix_doubt:
@@ -120,6 +151,34 @@ class Positions:
         reason = f"its box's receiver says it is {words((east, north, up))} the surveyed position, which is used"
         action = "survey it again (base-station survey), or correct the box's gnss.lever_arm_m"
         return [Check(f"position {camera}", "warn", reason, action)]
+
+    def frame(self, boxes: dict[str, CameraIntake]) -> ReferenceFrame:
+        """The reference frame of the positions in use: the least known of them."""
+        return frame_of_all(list(self._frames_of(boxes).values()))
+
+    def _frames_of(self, boxes: dict[str, CameraIntake]) -> dict[str, ReferenceFrame]:
+        surveyed = {
+            camera: self._frames.get(camera, ReferenceFrame())
+            for camera, section in self._cameras.items()
+            if section.position is not None
+        }
+        fixed = {
+            camera: ReferenceFrame(box.fix.frame)
+            for camera, box in boxes.items()
+            if camera not in surveyed and box.fix is not None
+        }
+        return surveyed | fixed
+
+    def frame_checks(self, boxes: dict[str, CameraIntake]) -> list[Check]:
+        """Whether it is known in which frame the positions are, and is one."""
+        frames = self._frames_of(boxes)
+        if not frames:
+            return []
+        named = {frame.label.strip(): camera for camera, frame in frames.items() if frame.known}
+        if len({label.lower() for label in named}) > 1:
+            reason = ", ".join(f"{camera} is in {label}" for label, camera in named.items())
+            return [Check("frame", "warn", f"the positions' frames differ: {reason}", SAME_FRAME)]
+        return [check_frame(frame_of_all(frames.values()))]
 
     def by_fixes(self, camera: str) -> bool:
         """Whether a camera's position is that of its box's fixes, and not a surveyed one."""

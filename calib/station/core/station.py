@@ -10,6 +10,7 @@ against, a frame that is late or refused moves nothing, and without a network no
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -19,6 +20,7 @@ import numpy as np
 from calib.guarding.monitor import Finding, Guard
 from calib.network import Camera, Network
 from calib.observations import SiteCamera
+from calib.reference_frame import ReferenceFrame
 from calib.station.config import BaseConfig, CameraSection
 from calib.station.core.announcements import News, network_message
 from calib.station.core.calibration import Calibration, Phase, Standing
@@ -62,18 +64,25 @@ class Station:
     """All that a station knows."""
 
     def __init__(
-        self, config: BaseConfig, cameras: dict[str, CameraSection], memory: StoredState, rate_hz: float = UNASKED_HZ
+        self,
+        config: BaseConfig,
+        cameras: dict[str, CameraSection],
+        memory: StoredState,
+        rate_hz: float = UNASKED_HZ,
+        frames: Mapping[str, ReferenceFrame] | None = None,
     ) -> None:
-        """rate_hz: the fastest rate at which any output wants a target."""
+        """rate_hz: the fastest rate at which any output wants a target. frames: of the cameras' surveyed positions."""
         self.config = config
         names = list(cameras)
         tracking = config.tracking
         self.intake = Intake(names)
         self.window = Window(names, config.calibration.window_rows, config.calibration.window_s)
-        self.positions = Positions(cameras, config.site.origin or (memory.network.origin if memory.network else None))
+        origin = config.site.origin or (memory.network.origin if memory.network else None)
+        self.positions = Positions(cameras, origin, frames)
         self.calibration = Calibration(config.calibration, names, config.site.name)
         self.guard = Guard()
         self._export = TargetExport(names, tracking.min_cameras, tracking.max_sigma_m)
+        self._export.placed_in(self.frame)
         self._options = TrackerOptions(
             reorder_horizon_s=tracking.reorder_horizon_s,
             coast_s=tracking.coast_s,
@@ -117,6 +126,7 @@ class Station:
         elif topic == "fix":
             doubts = camera.fix_doubts
             self.intake.fix(camera, payload, now_ns)
+            self._export.placed_in(self.frame)
             if camera.fix_doubts != doubts:
                 return self._position_doubted(camera)
         elif topic == "health":
@@ -195,6 +205,11 @@ class Station:
         """One sigma of a camera's pixels where a detection does not say its own: as the adjustment found it."""
         found = camera.sigma_px
         return self.config.tracking.sigma_px if found is None else max(found, LEAST_SIGMA_PX)
+
+    @property
+    def frame(self) -> ReferenceFrame:
+        """The reference frame of all that is sent."""
+        return self.positions.frame(self.intake.cameras)
 
     @property
     def next_track(self) -> int:
@@ -317,6 +332,8 @@ class Station:
     def _try_stored(self, now_unix_ns: int) -> None:
         """Believe the stored network once rays agree with it; forget it once they do not."""
         assert self._stored is not None
+        if any(self.positions.by_fixes(box.id) and box.fix_doubt for box in self._boxes_of(self._stored)):
+            return  # what it was laid on is not stood by
         if self.calibration.network is not None:
             self._stored = None
             return
@@ -326,6 +343,9 @@ class Station:
             self.adopt(network)
         elif verdict is False:
             self._stored = None
+
+    def _boxes_of(self, network: Network) -> list[CameraIntake]:
+        return [box for box in self.intake.cameras.values() if network.camera(box.id) is not None]
 
     def _plan(self, now_unix_ns: int) -> SolveJob | None:
         self.window.expire(now_unix_ns)
@@ -378,7 +398,7 @@ class Station:
 
     def _assess(self, now_ns: int, now_unix_ns: int) -> Health:
         checks = self.intake.checks(now_ns, self.config.tracking.stale_s)
-        checks += self.positions.checks(self.intake.cameras)
+        checks += self.positions.checks(self.intake.cameras) + self.positions.frame_checks(self.intake.cameras)
         checks += [
             Check(f"guard {camera}", "warn", why, "fly where it and two others see it")
             for camera, why in self.calibration.suspects.items()

@@ -42,10 +42,17 @@ def _survey(status: StationStatus) -> ChecklistStep:
     missing = [camera for camera in status.cameras if not camera.surveyed]
     count = len(status.cameras) - len(missing)
     if not missing:
-        return ChecklistStep("survey", "ok", f"all {count} cameras have a position")
+        return ChecklistStep("survey", "ok", f"all {count} cameras have a position{_frame(status)}")
     action = "base-station survey, or wait until the boxes' receivers have RTK"
     level: Level = "warn" if count >= MIN_CAMERAS else "fail"
     return ChecklistStep("survey", level, f"no position of {_names(missing)}", action)
+
+
+def _frame(status: StationStatus) -> str:
+    """What is known of the positions' frame."""
+    if status.frame_sigma_m:
+        return f"; their frame is {status.frame}: every sigma that is sent holds {status.frame_sigma_m:g} m for it"
+    return f", in {status.frame}"
 
 
 def _aim(status: StationStatus) -> ChecklistStep:

@@ -34,6 +34,13 @@ class RunningHealth(msgspec.Struct, frozen=True, kw_only=True):
     items: list[RunningFinding] = []
 
 
+class RunningCamera(msgspec.Struct, frozen=True, kw_only=True):
+    """One of its cameras, and what that one's box says of its receiver."""
+
+    id: str
+    receiver: RunningFinding | None = None
+
+
 class Running(msgspec.Struct, frozen=True, kw_only=True):
     """What of a running station's status is asked for; the rest is not read."""
 
@@ -44,6 +51,7 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
     action: str = ""
     endpoints: list[EndpointStatus]
     health: RunningHealth = RunningHealth()
+    cameras: list[RunningCamera] = []
 
 
 def running_station(status: StatusSection, folder: Path) -> Running | None:

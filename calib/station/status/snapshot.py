@@ -56,6 +56,8 @@ def snapshot(view: StationView, now_ns: int) -> StationStatus:
         action=standing.action,
         first_solve_s=station.config.calibration.first_solve_s,
         origin=station.positions.origin if network is None else network.origin,
+        frame=station.frame.label,
+        frame_sigma_m=station.frame.sigma_m,
         network=None if network is None else network.fingerprint,
         rms_px=None if network is None else network.rms_px,
         sigma_m=None if report is None or standing.phase is Phase.COLLECTING else report.sigma_m,
@@ -107,6 +109,7 @@ def _camera(station: Station, box: CameraIntake, now_ns: int) -> CameraStatus:
         reason="" if item is None else item.reason,
         muted=box.id in station.muted,
         centre_enu=None if place is None else _triple(place[0]),
+        receiver=box.said_of("gnss"),
         counters=dict(box.counters),
     )
 

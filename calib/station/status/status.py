@@ -6,13 +6,14 @@ state is made from this struct, and the struct is made in one place (status/snap
 
 import msgspec
 
-from edge.messages import Health
+from calib.reference_frame import UNKNOWN_LABEL
+from edge.messages import Health, HealthItem
 
 
 class CameraStatus(msgspec.Struct, frozen=True, kw_only=True):
     """One camera. suspect: why it is left out, empty if it is not. muted: the operator left it out.
 
-    centre_enu: where its survey says it is, None if it does not.
+    centre_enu: where its survey says it is, None if it does not. receiver: what its box says of its RTK receiver.
     """
 
     id: str
@@ -29,6 +30,7 @@ class CameraStatus(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
     muted: bool = False
     centre_enu: tuple[float, float, float] | None = None
+    receiver: HealthItem | None = None
     counters: dict[str, int]
 
 
@@ -68,7 +70,7 @@ class EndpointStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StationStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole station."""
+    """The whole station. sigma_m: of the calibration's positions, within the site."""
 
     site: str
     version: str
@@ -80,6 +82,8 @@ class StationStatus(msgspec.Struct, frozen=True, kw_only=True):
     action: str
     first_solve_s: float  # of flight that two cameras must share before the first attempt
     origin: tuple[float, float, float] | None
+    frame: str = UNKNOWN_LABEL  # reference frame of the cameras' positions, and so of all that is sent
+    frame_sigma_m: float = 0.0  # what that adds to every position's sigma: the targets' hold it, sigma_m does not
     network: str | None  # fingerprint
     rms_px: float | None
     sigma_m: float | None

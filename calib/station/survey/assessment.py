@@ -9,9 +9,9 @@ import numpy as np
 from calib.errors import CalibrationError
 from calib.geodesy import geodetic_to_enu
 from calib.network import POSE_SIZE, Network
+from calib.reference_frame import UNKNOWN_FRAME_SIGMA_M
 from calib.solving.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
-from calib.station.survey.derive import absolute_sigmas, occupations_of
-from calib.station.survey.frames import frame_known
+from calib.station.survey.derive import absolute_sigmas, frame_of, occupations_of
 from calib.station.survey.store import CameraTable, ClosureTable, Survey
 from calib.survey import Closure, apart, loop_closure
 from edge.common.arrays import Array
@@ -77,8 +77,9 @@ def describe(survey: Survey) -> str:
     site = survey.site
     lines = [f"site {site.name}: frame {site.frame} ({site.frame_note}), epoch {site.epoch or 'unknown'}"]
     lines.append(f"corrections: {site.service or 'unknown'}; base: {site.base or 'unknown'}")
-    if not frame_known(site.frame):
-        lines.append("WARNING: unknown frame: 1 m is added to the absolute sigma; name it with `survey frame`")
+    if not frame_of(survey).known:
+        added = f"{UNKNOWN_FRAME_SIGMA_M:g} m is added to the absolute sigma"
+        lines.append(f"WARNING: unknown frame: {added}; name it with `base-station survey frame --is`")
     lines += [line for table in survey.camera for line in _describe_camera(table)]
     if sigmas := absolute_sigmas(survey):
         worst = max(math.hypot(*sigma[:2]) for sigma in sigmas.values())

@@ -4,21 +4,25 @@ Two hazards. Two programs at one port: the boxes dial the station, and only one 
 the station runs it is asked, and what the boxes keep for latecomers comes through it; else this program listens in its
 place. And two readers of one message: what the station would refuse (a float solution, say) is not stored either, for
 it is the station's own intake that judges here.
+And a station that runs remembers what it was told before: what it doubts is stored only if the operator says so.
 """
 
 import math
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from calib.station.core.intake import Intake
 from calib.station.core.positions import check_offset
+from calib.station.status.asking import running_station
 from calib.station.survey import edit
-from calib.station.survey.call import SurveyCall, not_replaced, replaced, store
+from calib.station.survey.call import SurveyCall, agreed, not_replaced, replaced, store
 from calib.station.survey.store import Survey
 from edge.common.errors import ConfigError
 from edge.common.units import NS
+from edge.gnss.kept_fix import WHAT_TO_DO
 from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
 from edge.link.ports import beside_listener
@@ -39,19 +43,37 @@ class BoxFixes:
 
 def take_boxes(call: SurveyCall) -> int:
     """Workflow one: a receiver on each box. Raises ConfigError if no box sends a position."""
-    found = fixes_of(call)
+    found, doubts = fixes_of(call), _doubts(call)
     survey, kept = call.survey, []
     for camera, fix in sorted(found.fixes.items()):
+        if (doubt := doubts.get(camera)) and not (call.args.yes or agreed(call, f"{camera}: {doubt}; store it?")):
+            print(f"{camera}: not stored: {doubt}; {WHAT_TO_DO}", file=sys.stderr)
+            kept.append(camera)
+            continue
         entered = _entered(survey, camera, fix)
         if replaced(call, entered, camera):
             survey = entered
         else:
             print(not_replaced(camera), file=sys.stderr)
             kept.append(camera)
+    if not set(found.fixes) - set(kept):
+        return 1
     names = [camera.id for camera in call.config.camera]
     for camera in (name for name in names if name not in found.fixes):
         print(f"{camera}: {found.refused.get(camera, 'no position came')}", file=sys.stderr)
     return store(call, survey) or int(bool(kept))
+
+
+def _doubts(call: SurveyCall) -> dict[str, str]:
+    """What the station that runs here, if one does, has against the position of each camera."""
+    running = running_station(call.config.status, Path(call.args.config).parent)
+    if running is None or running.site != call.config.site.name:
+        return {}
+    against = {item.name: item.reason for item in running.health.items if item.level == "fail"}
+    names = [camera.id for camera in call.config.camera]
+    return {
+        name: f"the station that runs says: {against[at]}" for name in names if (at := f"position {name}") in against
+    }
 
 
 def fixes_of(call: SurveyCall) -> BoxFixes:
@@ -94,7 +116,7 @@ def _hear_health(intake: Intake, said: Inbox[Received]) -> None:
 def _look_at_health(intake: Intake) -> None:
     """A position that its box's own receiver speaks against, or that it has not confirmed lately, is not taken."""
     for box in intake.cameras.values():
-        gnss = next((item for item in box.health.items if item.name == "gnss"), None) if box.health else None
+        gnss = box.said_of("gnss")
         if box.fix is None or box.health is None or gnss is None or gnss.level == "ok":
             continue
         age_s = (box.health.t_unix_ns - box.fix.t_unix_ns) / NS

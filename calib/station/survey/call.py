@@ -52,8 +52,13 @@ def replaced(call: SurveyCall, survey: Survey, camera: str) -> bool:
     if call.args.yes or not contradict((east, north, up), new.position_sigma, old.position_sigma):
         return True
     question = f"{camera}: the new position is {words((east, north, up))} the stored one ({origin_of(old)})"
+    return agreed(call, f"{question}; replace it?")
+
+
+def agreed(call: SurveyCall, question: str) -> bool:
+    """Whether the operator says yes to it; nobody there says no."""
     try:
-        return call.ask(f"{question}; replace it? [y/N] ").strip().lower().startswith("y")
+        return call.ask(f"{question} [y/N] ").strip().lower().startswith("y")
     except EOFError:
         print()
         return False

@@ -10,9 +10,10 @@ import numpy as np
 from msgspec.structs import asdict, replace
 
 from calib.geodesy import Origin, enu_to_geodetic
-from calib.station.survey.frames import convert, frame_known
+from calib.reference_frame import ReferenceFrame
+from calib.station.survey.frames import convert
 from calib.station.survey.store import AntennaTable, CameraTable, Survey, SurveySite
-from calib.survey import Antenna, Occupation, SurveyedPoint, absolute_sigma, combine
+from calib.survey import Antenna, Occupation, SurveyedPoint, combine
 from edge.common.arrays import Array
 from edge.common.errors import ConfigError
 
@@ -44,14 +45,23 @@ def _closed(survey: Survey, camera: str, sigma_m: tuple[float, float, float]) ->
     return sigma_m
 
 
+def frame_of(survey: Survey) -> ReferenceFrame:
+    """The frame of its positions."""
+    return ReferenceFrame(survey.site.frame, survey.site.frame_sigma_m)
+
+
 def absolute_sigmas(survey: Survey) -> dict[str, tuple[float, float, float]]:
     """One sigma in WGS 84 of each surveyed lens: with what is not known about the frame."""
-    known = frame_known(survey.site.frame)
     return {
-        table.id: absolute_sigma(table.position_sigma, frame_known=known, conversion_sigma_m=survey.site.frame_sigma_m)
+        table.id: _absolute(table.position_sigma, frame_of(survey).sigma_m)
         for table in survey.camera
         if table.position_sigma is not None
     }
+
+
+def _absolute(sigma_m: tuple[float, float, float], shared_m: float) -> tuple[float, float, float]:
+    east, north, up = (math.hypot(sigma, shared_m) for sigma in sigma_m)
+    return east, north, up
 
 
 def occupations_of(table: CameraTable) -> list[Occupation]:

@@ -8,9 +8,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from calib.geodesy import geodetic_to_enu
+from calib.reference_frame import ReferenceFrame
 from calib.station.core.positions import lens_position
 from calib.station.survey.derive import derived, occupations_of
-from calib.station.survey.frames import frame_known
 from calib.station.survey.store import CameraTable, ClosureTable, EnteredTable, OccupationTable, Survey, TapeTable
 from calib.survey import apart
 from edge.common.errors import ConfigError
@@ -117,7 +117,7 @@ def enter_csv(survey: Survey, text: str, source: str) -> Survey:
 def enter_fix(survey: Survey, camera: str, fix: Fix) -> Survey:
     """With the lens position by a box's own receiver. Raises ConfigError if its frame is another than the file's."""
     site = survey.site
-    if frame_known(site.raw_frame) and site.raw_frame != fix.frame:
+    if ReferenceFrame(site.raw_frame).known and site.raw_frame != fix.frame:
         raise ConfigError(
             f"its fix is in {fix.frame}, the survey in {site.raw_frame}",
             where=f"camera {camera}",

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 TARGETS: Final = {"EPSG:9989": "ITRF2020", "EPSG:10605": "WGS 84 (G2296)"}
 WORST_ACCURACY_M: Final = 0.1  # of an operation; what claims less is a null operation under another name
 PLAUSIBLE_YEARS: Final = (1980.0, 2100.0)  # decimal years
-# Labels that name no realisation: coordinates that carry them are known to a metre or two.
-UNKNOWN_LABELS: Final = frozenset({"", "unknown", "wgs84", "wgs 84", "epsg:4979", "epsg:4326"})
 
 
 @dataclass(frozen=True)
@@ -32,11 +30,6 @@ class Converted:
     geodetic: Array
     accuracy_m: float
     note: str
-
-
-def frame_known(label: str) -> bool:
-    """Whether a label says which realisation coordinates are in."""
-    return label.strip().lower() not in UNKNOWN_LABELS
 
 
 def convert(geodetic: Array, source: str, target: str, epoch: float) -> Converted:

@@ -9,8 +9,10 @@ import tomllib
 from pathlib import Path
 from typing import Final
 
+from calib.reference_frame import ReferenceFrame
 from calib.station.archive import sitefile
 from calib.station.config import UNSTATED_SIGMA_M, BaseConfig, CameraSection, Geodetic, Sigmas
+from calib.station.survey.derive import frame_of
 from calib.station.survey.store import load_survey
 from edge.common.errors import ConfigError
 
@@ -36,6 +38,19 @@ def with_survey(config: BaseConfig, folder: Path) -> dict[str, CameraSection]:
     return {
         camera.id: surveyed[camera.id] if camera.position is None and camera.id in surveyed else camera
         for camera in config.camera
+    }
+
+
+def frames_in_force(config: BaseConfig, folder: Path) -> dict[str, ReferenceFrame]:
+    """The reference frame of each camera that with_survey finds a position of. Raises ConfigError as that does."""
+    path = survey_file(config, folder)
+    surveyed = {} if path is None else surveyed_in(path)
+    of_survey = ReferenceFrame() if path is None or _is_site_file(path) else frame_of(load_survey(path))
+    given = {camera.id: camera.position is not None for camera in config.camera}
+    return {
+        camera: ReferenceFrame(config.site.frame) if in_config else of_survey
+        for camera, in_config in given.items()
+        if in_config or camera in surveyed
     }
 
 

@@ -1,11 +1,13 @@
-"""UBX: the two messages a survey needs, NAV-PVT (time, mode) and NAV-HPPOSLLH (0.1 mm position).
+"""UBX: the two messages a survey needs, NAV-PVT (time, mode) and NAV-HPPOSLLH (0.1 mm position); and NAV-RELPOSNED.
 
 The hazard is the half-valid message: an old firmware leaves fields at zero, a cold receiver sends a time that is whole
 seconds off until it is resolved, `nano` may be negative, and a position may carry an `invalid` flag. NAV-PVT alone has
-steps of 11 mm; only with NAV-HPPOSLLH of the same iTOW is it good enough to average.
+steps of 11 mm; only with NAV-HPPOSLLH of the same iTOW is it good enough to average. NAV-RELPOSNED says how far the
+base is, unless it is of two antennas on one mast.
 """
 
 import datetime as dt
+import math
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -22,6 +24,10 @@ HIGH_PRECISION_STEP_M: Final = (1.1e-4, 1e-4)  # 1e-9 degrees, and tenths of mil
 PVT_DATE_RANK: Final = 3  # its four-digit year is said to be resolved, which no sentence's is
 _NAV_PVT: Final = b"\x01\x07"
 _NAV_HPPOSLLH: Final = b"\x01\x14"
+_NAV_RELPOSNED: Final = b"\x01\x3c"
+_NAMES: Final = {_NAV_PVT: "NAV-PVT", _NAV_HPPOSLLH: "NAV-HPPOSLLH", _NAV_RELPOSNED: "NAV-RELPOSNED"}
+CENTIMETRE_M: Final = 0.01
+LONGEST_BASELINE_M: Final = 1e5  # nobody fixes ambiguities over more
 _QUALITY_OF_CARRIER: Final = {0: None, 1: 5, 2: 4}  # float, fixed: as GGA numbers them
 # Upper ends, in seconds, of NAV-PVT's buckets of correction age; bucket 0 says that it is not available.
 _AGE_BUCKET_S: Final = (None, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0)
@@ -54,6 +60,13 @@ class HighPrecision:
     sigma_m: tuple[float, float]
 
 
+@dataclass(frozen=True)
+class Relative:
+    """How far away the base is whose corrections are used."""
+
+    baseline_m: float
+
+
 class Ubx(Decoder):
     """u-blox's binary protocol."""
 
@@ -81,8 +94,10 @@ class Ubx(Decoder):
         return None if record is None else part(record)
 
 
-def part(record: Pvt | HighPrecision) -> Part:
+def part(record: Pvt | HighPrecision | Relative) -> Part:
     """What a message says, in neutral terms."""
+    if isinstance(record, Relative):
+        return Part("NAV-RELPOSNED", baseline_m=record.baseline_m)
     if isinstance(record, HighPrecision):
         place = Place(record.lat_deg, record.lon_deg, record.height_m, HIGH_PRECISION_STEP_M, "steps of 0.1 mm")
         return Part("NAV-HPPOSLLH", tow_ms=record.itow_ms, place=place, sigma_m=record.sigma_m)
@@ -109,20 +124,22 @@ def fletcher(data: bytes) -> bytes:
     return bytes((a & 0xFF, b & 0xFF))
 
 
-def read(message: bytes) -> Pvt | HighPrecision | None:
+def read(message: bytes) -> Pvt | HighPrecision | Relative | None:
     """The record in a checked UBX message; None for one that is not used or is flagged invalid.
 
     Raises MalformedError for one that is not what its class and id say.
     """
     name = message[2:4]
-    if name not in (_NAV_PVT, _NAV_HPPOSLLH):
+    if name not in _NAMES:
         return None
     try:
         fields = UBXReader.parse(message)
+        if name == _NAV_RELPOSNED:
+            return _relative(fields)
         itow_ms = int.from_bytes(message[6:10] if name == _NAV_PVT else message[10:14], "little")
         return _pvt(fields, itow_ms) if name == _NAV_PVT else _high_precision(fields, itow_ms)
     except (UBXParseError, UBXMessageError, UBXTypeError, ValueError, AttributeError, IndexError) as error:
-        raise MalformedError("NAV-PVT" if name == _NAV_PVT else "NAV-HPPOSLLH") from error
+        raise MalformedError(_NAMES[name]) from error
 
 
 def _pvt(fields: Any, itow_ms: int) -> Pvt | None:
@@ -157,3 +174,11 @@ def _high_precision(fields: Any, itow_ms: int) -> HighPrecision | None:
         return None
     sigma_m = (fields.hAcc / 1000, fields.vAcc / 1000)
     return HighPrecision(itow_ms, fields.lat, fields.lon, fields.height / 1000, sigma_m)
+
+
+def _relative(fields: Any) -> Relative | None:
+    """None where the other end is no base: it moves with this antenna, or only a direction is told."""
+    if not fields.relPosValid or fields.isMoving or getattr(fields, "relPosNormalized", 0):
+        return None
+    baseline_m = CENTIMETRE_M * math.hypot(fields.relPosN, fields.relPosE, fields.relPosD)
+    return Relative(baseline_m) if baseline_m <= LONGEST_BASELINE_M else None

@@ -90,6 +90,20 @@ def test_a_station_that_runs_is_asked_and_not_fought_for_its_ports(tmp_path: Pat
     assert "status page" not in found
 
 
+def test_each_box_s_receiver_and_the_frame_are_told_by_the_station_that_runs() -> None:
+    status = {"site": "hill", "version": "0.3.0", "phase": "calibrated", "reason": "", "endpoints": []}
+    fixed = {"name": "gnss", "level": "ok", "reason": "RTK fixed, 12 satellites"}
+    lost = {"name": "gnss", "level": "fail", "reason": "no byte for 9 s", "action": "check its power"}
+    cameras = [{"id": "cam0", "receiver": fixed}, {"id": "cam1", "receiver": lost}, {"id": "cam2"}]
+    frame = {"name": "frame", "level": "ok", "reason": "not known", "action": "name it"}
+    running = msgspec.convert(status | {"cameras": cameras, "health": {"items": [frame]}}, Running)
+    assert list(_told_by(running))[1:] == [
+        Line("WARN", "frame", "not known", "name it"),
+        Line("PASS", "receiver cam0", "RTK fixed, 12 satellites"),
+        Line("FAIL", "receiver cam1", "no byte for 9 s", "check its power"),
+    ]
+
+
 def test_a_mix_of_versions_is_told_by_the_station_that_runs() -> None:
     status = {"site": "hill", "version": "0.3.0", "phase": "calibrated", "reason": "", "endpoints": []}
     mix = {"name": "versions", "level": "concerned", "reason": "this is 0.3.0; cam1 runs 0.2.0"}

@@ -9,7 +9,8 @@ from calib.station.core.calibration import Phase
 from calib.station.core.intake import CameraIntake
 from calib.station.core.positions import Positions
 from calib.station.core.station import Station
-from edge.messages import Fix, camera_key, encode
+from calib.station.core.stored_state import StoredState
+from edge.messages import Fix, Health, camera_key, encode
 from tools.doubles.box_messages import SITE, T0_UNIX_NS, fix_message
 from tools.doubles.core_station import station_for
 from tools.doubles.flight import Spec, make
@@ -64,6 +65,46 @@ def test_a_box_that_takes_its_position_back_holds_back_the_network_laid_on_it() 
     assert "carried 35 m" in station.standing.reason
     say(station, NAMES[0], north(first_fix(), 35.0))  # it stands somewhere now, by its own word
     assert sigma_m(station) < 0.1
+
+
+def doubted(why: str = "doubted: jumps by 1.3 m") -> Fix:
+    return replace(first_fix(), standing="doubted", quality=0, why=why)
+
+
+def say_run(station: Station, epoch: int) -> None:
+    """The first camera's box says how it is, in that run of its program."""
+    health = Health(t_unix_ns=T0_UNIX_NS, epoch=epoch, level="ok", items=[], counters={})
+    station.handle(camera_key(SITE, NAMES[0], "health"), encode(health), NOW_NS)
+
+
+@pytest.mark.parametrize("same_run", [True, False])
+def test_only_the_run_of_a_box_that_doubted_a_position_explains_another(same_run: bool) -> None:
+    """A base was switched, the box doubts, somebody restarts it: what it says then is its first word."""
+    station = calibrated()
+    say_run(station, 1)
+    say(station, NAMES[0], doubted())
+    say_run(station, 1 if same_run else 2)
+    say(station, NAMES[0], north(first_fix(), 1.3))
+    assert (sigma_m(station) < 0.1) is same_run
+    assert sigma_m(station) < 0.1 or sigma_m(station) > 1.29
+
+
+def test_a_restarted_box_that_says_the_same_place_again_is_believed() -> None:
+    station = calibrated()
+    say(station, NAMES[0], doubted())
+    say_run(station, 2)
+    say(station, NAMES[0], north(first_fix(), 0.01))
+    assert sigma_m(station) < 0.1
+
+
+def test_a_station_that_comes_later_believes_no_stored_network_laid_on_a_doubted_position() -> None:
+    station = station_for(SCENE, StoredState(network=SCENE.network))
+    station.tick(NOW_NS)
+    station.adopt(SCENE.network)
+    say(station, NAMES[0], doubted())
+    assert station.calibration.trusted == set()
+    say(station, NAMES[0], doubted())
+    assert station.intake.cameras[NAMES[0]].fix_doubts == 1, "said again it is the same doubt"
 
 
 @pytest.mark.parametrize("metres", [0.15, 0.3, 1.3, 35.0])

@@ -159,6 +159,22 @@ def test_each_step_says_what_is_missing() -> None:
     assert "cam2" in steps(cases["aim"])[1].reason
 
 
+def test_a_receiver_is_shown_with_all_that_its_box_says_of_it() -> None:
+    line = "RTK fixed, 12 satellites, corrections 1 s old, base 3.2 km away; sigma 8 mm horizontal; can be trusted"
+    item = HealthItem(name="gnss", level="ok", since_unix_ns=T_NS, reason=line)
+    health = Health(t_unix_ns=T_NS, epoch=1, level="ok", items=[item], counters={})
+    assert f"<dt>receiver</dt><dd>{line}</dd>" in words.camera_card(camera("cam1"), health)
+    assert "<dt>receiver</dt><dd>none</dd>" in words.camera_card(camera("cam1"), None)
+
+
+@pytest.mark.parametrize(
+    ("frame", "sigma_m", "said"),
+    [("ITRF2020", 0.0, "have a position, in ITRF2020"), ("unknown", 1.0, "every sigma that is sent holds 1 m for it")],
+)
+def test_the_first_step_says_what_is_known_of_the_frame(frame: str, sigma_m: float, said: str) -> None:
+    assert said in steps(status(frame=frame, frame_sigma_m=sigma_m))[0].reason
+
+
 def test_a_camera_says_why_it_is_red() -> None:
     text = words.camera_card(camera("cam1", online=False, last_frame_s=14.2, reason="last frame 14 s ago"), None)
     assert 'data-level="fail"' in text

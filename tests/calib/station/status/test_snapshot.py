@@ -7,7 +7,9 @@ import pytest
 
 from calib.station.status.snapshot import StationView, snapshot
 from calib.station.status.status import StationStatus
+from edge.messages import Health, HealthItem, camera_key, encode
 from tests.calib.station.conftest import Fed
+from tools.doubles.box_messages import SITE
 from tools.doubles.flight import T0_UNIX_NS, Spec
 
 NS = 10**9
@@ -48,6 +50,16 @@ def test_a_calibrated_station_shows_cameras_pairs_and_targets(feed: Callable[...
     assert len(target.covariance_enu_m2) == 6
     assert (status.free_mb, status.counters["recorded"]) == (17, 12.0)
     assert status.counters["received_tracks"] > 300
+
+
+def test_the_receiver_of_each_box_and_the_frame_of_all_are_told(feed: Callable[..., Fed]) -> None:
+    fed = feed(Spec(cameras=3, uavs=1, rate_hz=15.0, duration_s=2.5), solves=False)
+    said = HealthItem(name="gnss", level="warn", since_unix_ns=T0_UNIX_NS, reason="RTK float, 9 satellites")
+    health = Health(t_unix_ns=T0_UNIX_NS, epoch=1, level="warn", items=[said], counters={})
+    fed.station.handle(camera_key(SITE, "cam1", "health"), encode(health), T0_UNIX_NS)
+    status = seen(fed, T0_UNIX_NS + 2 * NS)
+    assert [camera.receiver for camera in status.cameras] == [None, said, None]
+    assert (status.frame, status.frame_sigma_m) == ("ITRF2020", 0.0)
 
 
 def test_a_muted_camera_and_a_silent_one_are_shown_as_such(feed: Callable[..., Fed]) -> None:

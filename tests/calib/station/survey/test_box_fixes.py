@@ -1,13 +1,18 @@
 """`survey boxes`, with real Zenoh: whether the station runs or not, it takes what the station would take."""
 
 import argparse
+import json
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
+from urllib.error import URLError
+from urllib.request import urlopen
 
 import pytest
 import tomli_w
+from msgspec.structs import replace
 
 from calib.station.commands import survey as survey_command
 from calib.station.commands.run import run_station
@@ -20,6 +25,7 @@ from edge.link.ports import ANY_NAME, beside_listener, place, why_not_free
 from edge.link.settings import LinkSettings, TlsSettings
 from edge.messages import Fix, camera_key
 from tests.edge.link.test_security import certs
+from tools.doubles.ports import free_port
 
 SITE = "hill"
 NAMES = ("cam0", "cam1", "cam2")
@@ -39,13 +45,13 @@ def fix(name: str, quality: int = 4, of: str = "lens") -> Fix:
 def configure(tmp_path: Path, endpoint: str) -> Callable[..., Path]:
     """Write base.toml for three boxes; its path."""
 
-    def write(**link: object) -> Path:
+    def write(port: int = 0, **link: object) -> Path:
         config = {
             "site": {"name": SITE},
             "state_folder": "state",
             "camera": [{"id": name} for name in NAMES],
             "link": {"listen": [endpoint]} | link,
-            "status": {"port": 0},
+            "status": {"port": port, "page": False},
         }
         (tmp_path / "base.toml").write_text(tomli_w.dumps(config))
         return tmp_path / "base.toml"
@@ -53,11 +59,12 @@ def configure(tmp_path: Path, endpoint: str) -> Callable[..., Path]:
     return write
 
 
-def survey_boxes(base: Path, seconds: float = RUNS_WITHIN_S) -> int:
-    """The command."""
+def survey_boxes(base: Path, *more: str, seconds: float = RUNS_WITHIN_S, says: str = "n") -> int:
+    """The command, and an operator who says this to every question."""
     parser = argparse.ArgumentParser()
     survey_command.add_arguments(parser)
-    return survey_command.run(parser.parse_args(["--config", str(base), "boxes", "--seconds", str(seconds)]))
+    arguments = parser.parse_args(["--config", str(base), "boxes", "--seconds", str(seconds), *more])
+    return survey_command.run(arguments, lambda _: says)
 
 
 @contextmanager
@@ -178,3 +185,31 @@ def test_a_second_program_dials_a_listener_everywhere_at_loopback(endpoint: str)
         assert secure.connect == (f"tls/127.0.0.1:{port}{ANY_NAME}",)
         named = beside_listener(LinkSettings(listen=(f"tls/127.0.0.1:{port}",), tls=tls))
         assert named.connect == (f"tls/127.0.0.1:{port}",)
+
+
+def test_what_the_station_that_runs_doubts_is_stored_only_on_the_operators_word(
+    configure: Callable[..., Path], endpoint: str, until: Callable[..., bool], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A box that was restarted after its base had been switched knows of no other place; the station does."""
+    base = configure(port=free_port())
+    with running(base, until):
+        with boxes(lambda _: LinkSettings(connect=(endpoint,)), [fix(name) for name in NAMES]):
+            assert until(lambda: sum(camera["surveyed"] for camera in told(base, "cameras")) == 3, RUNS_WITHIN_S)
+        elsewhere = [replace(fix(NAMES[0]), lat_deg=fix(NAMES[0]).lat_deg + 1.3 / 111_200), *map(fix, NAMES[1:])]
+        with boxes(lambda _: LinkSettings(connect=(endpoint,)), elsewhere):
+            doubt = f"position {NAMES[0]}"
+            assert until(lambda: doubt in [item["name"] for item in told(base, "health").get("items", [])])
+            assert survey_boxes(base) == 1
+            assert "its sigma covers both" in capsys.readouterr().err
+            assert heights(base) == [None, *EXPECTED[1:]]
+            assert survey_boxes(base, "--yes") == 0
+    assert heights(base) == EXPECTED
+
+
+def told(base: Path, what: str) -> Any:
+    """What the station that runs says of itself; nothing while it starts."""
+    try:
+        with urlopen(f"http://127.0.0.1:{load(base).status.port}/status.json", timeout=RUNS_WITHIN_S) as answer:
+            return json.load(answer)[what]
+    except URLError:
+        return {}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.geodesy import geodetic_to_enu
-from calib.station.survey.frames import convert, frame_known
+from calib.station.survey.frames import convert
 from edge.common.errors import ConfigError
 
 PLACES = {"frankfurt": (50.1, 8.7, 150.0), "boulder": (40.0, -105.2, 1600.0), "sydney": (-33.9, 151.2, 50.0)}
@@ -63,13 +63,6 @@ def test_null_ballpark_and_senseless_operations_are_refused(source: str, target:
 def test_an_epoch_out_of_range_is_refused() -> None:
     with pytest.raises(ConfigError, match="epoch"):
         convert(np.array([PLACES["frankfurt"]]), "EPSG:7931", "EPSG:9989", 20.269)
-
-
-@pytest.mark.parametrize(
-    ("label", "known"), [("EPSG:7931", True), ("ETRF2000", True), ("WGS84", False), ("", False), ("Unknown", False)]
-)
-def test_which_labels_name_a_realisation(label: str, known: bool) -> None:
-    assert frame_known(label) is known
 
 
 def test_without_pyproj_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,13 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from calib.station.archive import sitefile
 from calib.station.commands.check import examine
 from calib.station.config import UNSTATED_SIGMA_M, BaseConfig, CameraSection, SiteSection
 from calib.station.survey import edit
-from calib.station.survey.in_force import survey_file, with_survey
-from calib.station.survey.store import Survey, SurveySite, save_survey
+from calib.station.survey.derive import derived
+from calib.station.survey.in_force import frames_in_force, survey_file, with_survey
+from calib.station.survey.store import Survey, SurveySite, load_survey, save_survey
 from edge.common.errors import ConfigError
 
 HERE = (47.0, 8.0, 500.0)
@@ -108,3 +110,27 @@ def test_what_is_no_survey_is_named(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError) as caught:
         with_survey(config(), tmp_path)
     assert str(tmp_path / "survey.toml") in caught.value.where
+
+
+def test_each_position_in_force_is_in_the_frame_of_where_it_comes_from(tmp_path: Path) -> None:
+    assert frames_in_force(config(), tmp_path) == {}
+    survey(tmp_path / "survey.toml")
+    assert not any(frame.known for frame in frames_in_force(config(), tmp_path).values())
+    kept = load_survey(tmp_path / "survey.toml")
+    save_survey(derived(replace(kept, site=replace(kept.site, raw_frame="EPSG:7931"))), tmp_path / "survey.toml")
+    one_given = config(cam1=HERE)
+    one_given = replace(one_given, site=replace(one_given.site, frame="ETRS89"))
+    found = {name: frame.label for name, frame in frames_in_force(one_given, tmp_path).items()}
+    assert found == {"cam0": "EPSG:7931", "cam1": "ETRS89", "cam2": "EPSG:7931"}
+
+
+def test_check_says_what_an_unnamed_frame_adds(tmp_path: Path) -> None:
+    survey(tmp_path / "survey.toml")
+    (line,) = [line for line in examine(config(), tmp_path) if line.name == "frame"]
+    assert (line.verdict, "1 m is added" in line.reason) == ("WARN", True)
+    assert "survey frame --is" in line.action
+
+
+def test_the_frame_of_a_site_file_is_not_known(tmp_path: Path) -> None:
+    site_file(tmp_path / "site.toml")
+    assert not any(frame.known for frame in frames_in_force(config("site.toml"), tmp_path).values())
