@@ -29,7 +29,8 @@ TAPE_SIGMA_M: Final = 0.01  # a steel tape over 50 m, sag and reading
 
 @dataclass(frozen=True)
 class NetworkCheck:
-    """The verdict. statistic: chi-square with `freedom` degrees. suspect: the camera named, if one can be.
+    """The verdict. statistic: chi-square with `freedom` degrees, of `most` that cameras with sure lenses would test.
+    suspect: the camera named, if one can be.
 
     wrong_by_m: (3,) east, north, up: how far the suspect's survey is off by what all others say. also: cameras that
     explain the misfit nearly as well. rest_p_value: chance of what is left, if the suspect's position were unknown.
@@ -43,6 +44,7 @@ class NetworkCheck:
     wrong_by_m: tuple[float, float, float] | None = None
     also: tuple[str, ...] = ()
     rest_p_value: float | None = None
+    most: int = 0
 
     def __str__(self) -> str:
         if self.freedom == 0:
@@ -50,7 +52,7 @@ class NetworkCheck:
                 "not tested: the cameras know nothing of the survey's shape but what the survey has told them "
                 "(too few of them, or lenses left free)"
             )
-        figures = f"(chi-square {self.statistic:.1f} of {self.freedom})"
+        figures = f"(chi-square {self.statistic:.1f} of {self.freedom}{self._untested})"
         if self.passed:
             return f"survey and cameras agree {figures}"
         if self.suspect is None or self.wrong_by_m is None:
@@ -59,6 +61,16 @@ class NetworkCheck:
         return (
             f"the surveyed position of {self.suspect} is wrong by about {math.hypot(*self.wrong_by_m):.2f} m{rest} "
             f"{figures}"
+        )
+
+    @property
+    def _untested(self) -> str:
+        """What of the survey's shape the cameras cannot tell, where there is some."""
+        left = self.most - self.freedom
+        return (
+            f"; {left} of {self.most} directions are not tested: lenses left free, or too little seen"
+            if left > 0
+            else ""
         )
 
 
@@ -81,15 +93,15 @@ def check_survey(
     seen = vectors.T @ shift
     freedom, statistic = len(values), float(np.sum(seen**2 / values))
     p_value = float(stats.chi2.sf(statistic, freedom)) if freedom else 1.0
-    passed = p_value > FALSE_ALARM
+    passed, most = p_value > FALSE_ALARM, max(len(shift) - GAUGE, 0)
     if passed or freedom <= WRONG_HAS:
-        return NetworkCheck(statistic, freedom, p_value, passed)
+        return NetworkCheck(statistic, freedom, p_value, passed, most=most)
     explained = _explanations(names, np.linalg.solve(root.T, vectors), seen, values)
     suspect, *others = sorted(explained, key=lambda name: -explained[name].support)
     least = explained[suspect].support - UNDECIDED
     also = tuple(name for name in others if explained[name].support > least)
     rest = float(stats.chi2.sf(statistic - explained[suspect].removes, freedom - WRONG_HAS))
-    return NetworkCheck(statistic, freedom, p_value, passed, suspect, explained[suspect].bias_m, also, rest)
+    return NetworkCheck(statistic, freedom, p_value, passed, suspect, explained[suspect].bias_m, also, rest, most)
 
 
 class _Explanation(NamedTuple):

@@ -28,7 +28,9 @@ from calib.station.outputs.output import Output, StationStanding
 from calib.station.outputs.registry import OutputHost, open_output, wanted
 from calib.station.own_clock import check_own_clock
 from calib.station.status.asking import Running, running_station
-from calib.station.survey.in_force import frames_in_force, survey_file, twice_given, with_survey
+from calib.station.survey.assessment import contradictions
+from calib.station.survey.in_force import frames_in_force, is_survey, survey_file, twice_given, with_survey
+from calib.station.survey.store import load_survey
 from edge.clock.monitor import read_clock
 from edge.common.errors import ConfigError
 from edge.common.health import SEVERITY, Check
@@ -136,9 +138,18 @@ def _positions(config: BaseConfig, folder: Path) -> Iterator[Line]:
         action = "base-station survey, or wait for the boxes"
         yield Line("WARN", "survey", f"{reason}; the others' boxes must send RTK fixes", action)
     yield from _undulation(config, [camera.position for camera in cameras.values() if camera.position is not None])
+    yield from _contradicted(file)
     if twice:
         reason = f"{', '.join(twice)}: the position in the configuration is used, not the one in {file}"
         yield Line("WARN", "survey", reason, "take `position` out of the configuration, or `base-station survey drop`")
+
+
+def _contradicted(file: Path | None) -> Iterator[Line]:
+    """What the survey itself has against its positions."""
+    if file is None or not is_survey(file):
+        return
+    for found in contradictions(load_survey(file)):
+        yield Line("WARN", "survey", found)
 
 
 def _frame(config: BaseConfig, folder: Path) -> Iterator[Line]:

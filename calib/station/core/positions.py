@@ -60,7 +60,7 @@ def check_frame(frame: ReferenceFrame) -> Check:
     No alarm: nothing is wrong, and whoever hears the station in the frame of its own corrections loses nothing by it.
     """
     if frame.known:
-        return Check("frame", "ok", f"the positions are in {frame.label}")
+        return Check("frame", "ok", f"the positions are in {frame.label}, and so is all that is sent")
     reason = (
         f"the positions' reference frame is not known ({frame.label}): {UNKNOWN_FRAME_SIGMA_M:g} m is added to the "
         "sigma of every position that is sent"

@@ -10,8 +10,9 @@ from calib.errors import CalibrationError
 from calib.geodesy import geodetic_to_enu
 from calib.network import POSE_SIZE, Network
 from calib.reference_frame import UNKNOWN_FRAME_SIGMA_M
-from calib.solving.survey_check import NetworkCheck, TapeCheck, check_survey, check_tape
-from calib.station.survey.derive import absolute_sigmas, frame_of, occupations_of
+from calib.solving.survey_check import NetworkCheck, TapeCheck, check_survey
+from calib.station.core.site_extent import CORRECT_IT, too_far
+from calib.station.survey.derive import absolute_sigmas, frame_of, occupations_of, taped
 from calib.station.survey.store import CameraTable, ClosureTable, Survey
 from calib.survey import Closure, apart, loop_closure
 from edge.common.arrays import Array
@@ -19,6 +20,10 @@ from edge.common.units import NS
 from edge.gnss.kept_fix import words
 
 LEAST_CAMERAS: Final = 3  # fewer say nothing about the survey: their shape is free
+TAPE_FAILED: Final = (
+    "sigma covers it; enter the wrong position anew or tape it again, or say which are right with "
+    "`base-station survey trust`"
+)
 LEAST_PRIOR_SIGMA_M: Final = 1e-3  # an entered sigma of zero would be an infinite weight
 
 
@@ -35,16 +40,7 @@ def closure_of(survey: Survey) -> tuple[str, Closure] | None:
 
 def tape_checks(survey: Survey) -> list[TapeCheck]:
     """Every taped distance against the surveyed one."""
-    checks = []
-    for tape in survey.tape:
-        ends = [survey.of(tape.first), survey.of(tape.second)]
-        positions = [end.position for end in ends if end and end.position]
-        sigmas = [end.position_sigma for end in ends if end and end.position_sigma]
-        if len(positions) == 2 and len(sigmas) == 2:
-            enu = geodetic_to_enu(np.array(positions), positions[0])
-            names = (tape.first, tape.second)
-            checks.append(check_tape(names, enu, np.array(sigmas), tape.distance_m, tape_sigma_m=tape.sigma_m))
-    return checks
+    return [check for _, check in taped(survey)]
 
 
 def check_network(survey: Survey, network: Network) -> NetworkCheck:
@@ -83,19 +79,28 @@ def describe(survey: Survey) -> str:
     lines += [line for table in survey.camera for line in _describe_camera(table)]
     if sigmas := absolute_sigmas(survey):
         worst = max(math.hypot(*sigma[:2]) for sigma in sigmas.values())
-        lines.append(f"in WGS 84: {worst:.2f} m horizontally, the frame's uncertainty included")
-    lines += [_describe_failure(each) for each in survey.closure]
+        where = site.frame if frame_of(survey).known else "WGS 84"
+        lines.append(f"in {where}: {worst:.2f} m horizontally, the frame's uncertainty included")
+    lines += [f"WARNING: {found}" for found in contradictions(survey)]
     if closure := closure_of(survey):
         lines.append(f"loop closure on {closure[0]} {closure[1]}")
-    lines += [str(check) for check in tape_checks(survey)]
+    lines += [str(check) for check in tape_checks(survey) if check.passed]
     return "\n".join(lines)
+
+
+def contradictions(survey: Survey) -> list[str]:
+    """What speaks against a position of the survey, each with what is to be done about it."""
+    far = too_far({table.id: table.position for table in survey.camera if table.position is not None})
+    found = [f"{camera}: {why}; {CORRECT_IT}" for camera, why in far.items()]
+    found += [_describe_failure(each) for each in survey.closure]
+    return found + [f"{check}; {TAPE_FAILED}" for check in tape_checks(survey) if not check.passed]
 
 
 def _describe_failure(closure: ClosureTable) -> str:
     """A round that did not close: by how much, whose fault it may be, and how it is settled."""
     when = dt.datetime.fromtimestamp(closure.t_unix_ns / NS, dt.UTC)
     return (
-        f"WARNING: not closed: back on {closure.camera} at {when:%Y-%m-%d %H:%M:%S} UTC it was {words(closure.off_m)} "
+        f"not closed: back on {closure.camera} at {when:%Y-%m-%d %H:%M:%S} UTC it was {words(closure.off_m)} "
         f"where it was before: one or more of {', '.join(closure.cameras)} are false, sigma covers it; drop those "
         "and occupy them again, or say which are right with `base-station survey trust`"
     )

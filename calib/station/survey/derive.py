@@ -9,10 +9,11 @@ import math
 import numpy as np
 from msgspec.structs import asdict, replace
 
-from calib.geodesy import Origin, enu_to_geodetic
+from calib.geodesy import Origin, enu_to_geodetic, geodetic_to_enu
 from calib.reference_frame import ReferenceFrame
+from calib.solving.survey_check import TapeCheck, check_tape
 from calib.station.survey.frames import convert
-from calib.station.survey.store import AntennaTable, CameraTable, Survey, SurveySite
+from calib.station.survey.store import LARGEST_SIGMA_M, AntennaTable, CameraTable, Survey, SurveySite, TapeTable
 from calib.survey import Antenna, Occupation, SurveyedPoint, combine
 from edge.common.arrays import Array
 from edge.common.errors import ConfigError
@@ -33,7 +34,36 @@ def derived(survey: Survey) -> Survey:
         position = _rounded(positions[table.id]) if point else None
         sigma_m = _closed(survey, table.id, point.sigma_m) if point else None
         tables.append(replace(table, position=position, position_sigma=sigma_m))
-    return replace(survey, site=site, camera=tuple(tables))
+    return _taped(replace(survey, site=site, camera=tuple(tables)))
+
+
+def taped(survey: Survey) -> list[tuple[TapeTable, TapeCheck]]:
+    """Every taped distance between two positions, against the surveyed one by what the survey alone claims."""
+    checks = []
+    for tape in survey.tape:
+        ends = [table for name in (tape.first, tape.second) if (table := survey.of(name)) is not None]
+        points = [point for table in ends if (point := _raw_point(table)) is not None]
+        positions = [table.position for table in ends if table.position]
+        if len(positions) == 2 and len(points) == 2:
+            enu = geodetic_to_enu(np.array(positions), positions[0])
+            sigmas_m = np.array([point.sigma_m for point in points])
+            checks.append(
+                (tape, check_tape((tape.first, tape.second), enu, sigmas_m, tape.distance_m, tape_sigma_m=tape.sigma_m))
+            )
+    return checks
+
+
+def _taped(survey: Survey) -> Survey:
+    """With sigmas that cover what taped distances contradict of them, in whichever direction that may be."""
+    for tape, check in taped(survey):
+        for name in {tape.first, tape.second} - set(tape.trusted) if not check.passed else ():
+            table = survey.of(name)
+            if table is not None and table.position_sigma is not None:
+                east, north, up = (
+                    min(math.hypot(s, check.difference_m), LARGEST_SIGMA_M) for s in table.position_sigma
+                )
+                survey = survey.with_camera(replace(table, position_sigma=(east, north, up)))
+    return survey
 
 
 def _closed(survey: Survey, camera: str, sigma_m: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from calib.geodesy import geodetic_to_enu
 from calib.reference_frame import ReferenceFrame
 from calib.station.core.positions import lens_position
-from calib.station.survey.derive import derived, occupations_of
+from calib.station.survey.derive import derived, occupations_of, taped
 from calib.station.survey.store import CameraTable, ClosureTable, EnteredTable, OccupationTable, Survey, TapeTable
 from calib.survey import apart
 from edge.common.errors import ConfigError
@@ -49,9 +49,15 @@ def closure_failed(survey: Survey, camera: str, occupation: OccupationTable) -> 
 
 
 def trust(survey: Survey, camera: str) -> Survey:
-    """With a point that the operator knows to be right: rounds that did not close are not its fault."""
+    """With a point that the operator knows to be right: what contradicts it is not its fault.
+
+    A tape between two points that are right was misread, and goes.
+    """
     _known(survey, camera)
-    return derived(_acquitted(survey, camera))
+    failing = [tape for tape, check in taped(survey) if not check.passed and camera in (tape.first, tape.second)]
+    tapes = (replace(tape, trusted=(*tape.trusted, camera)) if tape in failing else tape for tape in survey.tape)
+    left = tuple(tape for tape in tapes if not {tape.first, tape.second} <= set(tape.trusted))
+    return derived(_acquitted(replace(survey, tape=left), camera))
 
 
 def _acquitted(survey: Survey, camera: str) -> Survey:
@@ -132,10 +138,17 @@ def enter_fix(survey: Survey, camera: str, fix: Fix) -> Survey:
 
 
 def add_tape(survey: Survey, tape: TapeTable) -> Survey:
-    """With a taped distance. Raises ConfigError if one of its ends is not surveyed."""
+    """With a taped distance, in place of one taped before between the two.
+
+    Raises ConfigError if one of its ends is not surveyed, or both are the same.
+    """
     _known(survey, tape.first)
     _known(survey, tape.second)
-    return replace(survey, tape=(*survey.tape, tape))
+    if tape.first == tape.second:
+        raise ConfigError(f"from {tape.first} to itself", where="survey tape", action="name two lenses")
+    ends = {tape.first, tape.second}
+    others = tuple(old for old in survey.tape if {old.first, old.second} != ends)
+    return derived(replace(survey, tape=(*others, tape)))
 
 
 def _known(survey: Survey, camera: str) -> CameraTable:

@@ -45,7 +45,7 @@ def frames_in_force(config: BaseConfig, folder: Path) -> dict[str, ReferenceFram
     """The reference frame of each camera that with_survey finds a position of. Raises ConfigError as that does."""
     path = survey_file(config, folder)
     surveyed = {} if path is None else surveyed_in(path)
-    of_survey = ReferenceFrame() if path is None or _is_site_file(path) else frame_of(load_survey(path))
+    of_survey = frame_of(load_survey(path)) if path is not None and is_survey(path) else ReferenceFrame()
     given = {camera.id: camera.position is not None for camera in config.camera}
     return {
         camera: ReferenceFrame(config.site.frame) if in_config else of_survey
@@ -75,6 +75,11 @@ def surveyed_in(path: Path) -> dict[str, CameraSection]:
         for table in tables
         if table.position is not None
     }
+
+
+def is_survey(path: Path) -> bool:
+    """Whether it is a file that `base-station survey` writes. Raises ConfigError if it cannot be read."""
+    return not _is_site_file(path)
 
 
 def _is_site_file(path: Path) -> bool:

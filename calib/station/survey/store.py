@@ -26,7 +26,8 @@ Longitude = Annotated[float, Meta(ge=-180, le=180)]
 Geodetic = tuple[Latitude, Longitude, Annotated[float, Meta(ge=-1000, le=10000)]]
 Sigma = Annotated[float, Meta(ge=0, le=1000)]
 Sigmas = tuple[Sigma, Sigma, Sigma]
-Positive = Annotated[float, Meta(gt=0, le=1000)]
+LARGEST_SIGMA_M: Final = 1000.0
+Positive = Annotated[float, Meta(gt=0, le=LARGEST_SIGMA_M)]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -77,12 +78,13 @@ class CameraTable(Table, frozen=True, kw_only=True):
 
 
 class TapeTable(Table, frozen=True, kw_only=True):
-    """A taped distance between two lenses."""
+    """A taped distance between two lenses. trusted: ends that the operator knows to be right though it contradicts."""
 
     first: Name
     second: Name
     distance_m: Annotated[float, Meta(gt=0, le=1000)]
     sigma_m: Annotated[float, Meta(gt=0, le=1)] = 0.01
+    trusted: tuple[Name, ...] = ()
 
 
 class ClosureTable(Table, frozen=True, kw_only=True):

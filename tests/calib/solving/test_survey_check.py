@@ -66,6 +66,21 @@ def test_a_bias_common_to_all_cannot_be_seen() -> None:
     assert verdict.statistic == pytest.approx(0.0, abs=1e-6)
 
 
+def test_what_the_cameras_cannot_tell_is_said() -> None:
+    """Of a network that the cameras know in two directions only, the others are not called right."""
+    drawn = drawn_of(4, 11)
+    prior, names = np.eye(12) * 1e-4, ["a", "b", "c", "d"]
+    values, vectors = np.linalg.eigh(drawn.information)
+    for known, words in ((5, ""), (2, "; 3 of 5 directions are not tested"), (0, "not tested")):
+        kept = vectors[:, 12 - known :] * values[12 - known :] @ vectors[:, 12 - known :].T
+        covariance = np.linalg.inv(kept + np.linalg.inv(prior))
+        verdict = check_survey(names, drawn.centres_m, prior, drawn.centres_m, covariance)
+        assert (verdict.freedom, verdict.passed) == (known, True)
+        assert words in str(verdict)
+    whole = np.linalg.inv(drawn.information + np.linalg.inv(prior))
+    assert "not tested" not in str(check_survey(names, drawn.centres_m, prior, drawn.centres_m, whole))
+
+
 @pytest.mark.parametrize(("taped_m", "passed"), [(30.0, True), (30.02, True), (30.3, False)])
 def test_a_taped_distance(taped_m: float, passed: bool) -> None:
     positions = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])

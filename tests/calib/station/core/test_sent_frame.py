@@ -94,7 +94,7 @@ def test_the_frame_is_that_of_the_positions_in_use() -> None:
     for name, camera in zip(cameras, SCENE.truth, strict=True):
         boxes[name].fix = replace(fix_message(camera), frame="WGS84" if name == "cam0" else "ETRS89")
     assert positions.frame(boxes).known, "of a surveyed camera the box's label says nothing"
-    assert said(positions, boxes) == ("ok", "the positions are in ETRS89")
+    assert said(positions, boxes) == ("ok", "the positions are in ETRS89, and so is all that is sent")
     boxes["cam1"].fix = replace(fix_message(SCENE.truth[1]), frame="WGS84")
     assert positions.frame(boxes).sigma_m == 1.0
     assert "not known (WGS84): 1 m is added" in said(positions, boxes)[1]

@@ -12,7 +12,7 @@ from calib.station.config import UNSTATED_SIGMA_M, BaseConfig, CameraSection, Si
 from calib.station.survey import edit
 from calib.station.survey.derive import derived
 from calib.station.survey.in_force import frames_in_force, survey_file, with_survey
-from calib.station.survey.store import Survey, SurveySite, load_survey, save_survey
+from calib.station.survey.store import Survey, SurveySite, TapeTable, load_survey, save_survey
 from edge.common.errors import ConfigError
 
 HERE = (47.0, 8.0, 500.0)
@@ -134,3 +134,12 @@ def test_check_says_what_an_unnamed_frame_adds(tmp_path: Path) -> None:
 def test_the_frame_of_a_site_file_is_not_known(tmp_path: Path) -> None:
     site_file(tmp_path / "site.toml")
     assert not any(frame.known for frame in frames_in_force(config("site.toml"), tmp_path).values())
+
+
+def test_check_says_what_the_survey_itself_has_against_its_positions(tmp_path: Path) -> None:
+    survey(tmp_path / "survey.toml")
+    moved = edit.enter(load_survey(tmp_path / "survey.toml"), "cam1", (47.001, 8.0, 500.0), SIGMA_M, "typed in")
+    taped = edit.add_tape(moved, TapeTable(first="cam0", second="cam1", distance_m=80.0))
+    save_survey(taped, tmp_path / "survey.toml")
+    found = [line for line in examine(config(), tmp_path) if line.name == "survey" and "tape" in line.reason]
+    assert [line.verdict for line in found] == ["WARN"]

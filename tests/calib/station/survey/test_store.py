@@ -123,6 +123,51 @@ def test_tapes() -> None:
     assert edit.drop_camera(survey, "cam2").tape == ()
 
 
+def sigma_m(survey: Survey, camera: str) -> float:
+    """The smallest of a tripod's sigmas."""
+    table = survey.of(camera)
+    assert table is not None
+    assert table.position_sigma is not None
+    return min(table.position_sigma)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_tape_that_contradicts_two_positions_is_covered_by_the_sigma_of_both(seed: int) -> None:
+    """Which of them is wrong, and in which direction, a tape does not say."""
+    rng = np.random.default_rng(seed)
+    off_m = float(np.exp(rng.uniform(np.log(0.1), np.log(50.0))))
+    first, second = rng.choice(["cam1", "cam2", "cam3", "cam4"], 2, replace=False).tolist()
+    survey = surveyed()
+    enu = geodetic_to_enu(np.array([table.position for table in survey.camera]), HERE)
+    names = [table.id for table in survey.camera]
+    apart_m = float(np.linalg.norm(enu[names.index(first)] - enu[names.index(second)]))
+    taped = edit.add_tape(survey, TapeTable(first=first, second=second, distance_m=apart_m + off_m))
+    for name in names:
+        assert (sigma_m(taped, name) > 0.99 * off_m) is (name in (first, second))
+    assert f"WARNING: {first} to {second}" in assessment.describe(taped)
+    assert "sigma covers it" in assessment.contradictions(taped)[0]
+    again = edit.add_tape(taped, TapeTable(first=second, second=first, distance_m=apart_m))
+    assert (len(again.tape), assessment.contradictions(again)) == (1, [])
+    assert sigma_m(again, first) == sigma_m(survey, first)
+
+
+def test_the_operator_says_which_end_of_a_tape_is_right() -> None:
+    taped = edit.add_tape(surveyed(), TapeTable(first="cam1", second="cam2", distance_m=31.0))
+    one = edit.trust(taped, "cam1")
+    assert sigma_m(one, "cam1") < 0.03
+    assert sigma_m(one, "cam2") > 28.0
+    both = edit.trust(one, "cam2")
+    assert both.tape == (), "it was misread"
+    assert sigma_m(both, "cam2") < 0.03
+    with pytest.raises(ConfigError, match="itself"):
+        edit.add_tape(taped, TapeTable(first="cam1", second="cam1", distance_m=31.0))
+
+
+def test_a_position_of_another_country_is_named_where_the_survey_is_shown() -> None:
+    wrong = edit.enter(surveyed(), "cam4", (-HERE[0], HERE[1], HERE[2]), (0.01, 0.01, 0.02), "typed in")
+    assert "WARNING: cam4: its position is" in assessment.describe(wrong)
+
+
 @pytest.mark.parametrize(
     ("position", "sigma", "key"),
     [
