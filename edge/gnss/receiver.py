@@ -38,6 +38,7 @@ log = logging.getLogger(__name__)
 RECEIVER_CLOSE_S: Final = 2.0  # a driver that is asked for bytes lets go within 0.1 s, opening takes longer
 PORT_RETRY_S: Final = 1.0  # between attempts to open a port that is not there
 MOVING_EPOCHS: Final = 5  # in a row elsewhere, by a fixed solution: one is noise, so many are an antenna that moves
+HUNG_S: Final = 15.0  # opening a port or dialling a socket takes a few seconds at most, a read a tenth of one
 SNAPSHOT_S: Final = 0.5  # an average of ten minutes costs a millisecond; twice a second is enough to watch it
 AUTOBAUD: Final = (115200, 38400, 460800, 230400, 921600, 9600, 57600)  # the commonest first
 MAX_HORIZONTAL_LEVER_M: Final = 0.010  # its direction is unknown before the camera's heading is
@@ -87,16 +88,18 @@ class Receiver(OwnThread):
         self._surveyed: Surveyed | None = None
         self._status = ReceiverStatus(ReceiverState.STARTING, "warn", "not opened yet")
         self._restart = False
+        self._news_s = monotonic_s()  # when the thread last said how it is
 
     def fix(self) -> Fix | None:
         """The camera's position as averaged so far; None while there is none fit for use (`status` says why)."""
         with self._changed:
-            return self._fix
+            return None if self._hung() else self._fix
 
     def said(self) -> Fix | None:
         """What the base is to know: `fix()`, or the last one with why it is no longer stood by; None if never fixed."""
         with self._changed:
-            return self._said
+            hung = self._hung()
+            return _taken_back(self._said, hung, self._session) if hung else self._said
 
     def surveyed(self) -> Surveyed | None:
         """The antenna's position as averaged so far, with its parts and its fault if it has one."""
@@ -106,7 +109,16 @@ class Receiver(OwnThread):
     def status(self) -> ReceiverStatus:
         """State, reason and next action."""
         with self._changed:
-            return self._status
+            return self._hung() or self._status
+
+    def _hung(self) -> ReceiverStatus | None:
+        """What to say instead where the thread has been stuck in its driver for too long; else None."""
+        stuck_s = self._monotonic_s() - self._news_s
+        if stuck_s < HUNG_S or self._status.state in (ReceiverState.STARTING, ReceiverState.ENDED):
+            return None
+        reason = f"its driver has not answered for {stuck_s:.0f} s"
+        action = "unplug the receiver and plug it in again; restart the box if that does not help"
+        return replace(self._status, state=ReceiverState.LOST, level="fail", reason=reason, action=action)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for news (status, fix, surveyed); whether there is any."""
@@ -198,7 +210,7 @@ class Receiver(OwnThread):
                 return
             if status.state is not self._status.state:
                 log.info("%s: %s: %s; %s", self._config.device, status.state, status.reason, status.action)
-            self._surveyed, self._fix, self._status = surveyed, fix, status
+            self._surveyed, self._fix, self._status, self._news_s = surveyed, fix, status, now_s
             self._said = self._confirmed(fix) or _taken_back(fix or self._said, status, self._session)
             self._changed.notify_all()
 
@@ -219,7 +231,7 @@ class Receiver(OwnThread):
         with self._changed:
             if self._status.state != error.fault.value:
                 log.warning("%s", error)
-            self._surveyed = surveyed
+            self._surveyed, self._news_s = surveyed, self._monotonic_s()
             self._fix = make_fix(surveyed, self._config, self._unix_ns()) if surveyed and usable else None
             reason = surveyed.mean.fault if surveyed and not usable else error.what
             level: Level = "ok" if usable else "fail"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.reference_frame import ReferenceFrame
 from calib.scoring.timing import Path as Track
 from calib.scoring.trajectory import evaluate
 from calib.station.archive.replay_source import ReplaySource, open_source
@@ -43,7 +44,8 @@ def station_for(site: SurveyedSite) -> Station:
     """A station configured with the folder's survey."""
     sections = site.cameras
     section = SiteSection(name=site.name, origin=site.origin)
-    return Station(BaseConfig(site=section, camera=list(sections.values())), sections, StoredState())
+    frames = dict.fromkeys(sections, ReferenceFrame("the folder's own"))
+    return Station(BaseConfig(site=section, camera=list(sections.values())), sections, StoredState(), frames=frames)
 
 
 def play(source: ReplaySource, site: SurveyedSite, end_s: float, solve_s: float | None) -> np.ndarray:

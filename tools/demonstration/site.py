@@ -70,7 +70,12 @@ def box(name: str, camera: CameraSpec, inputs: Inputs, ports: Ports) -> str:
             }
         ],
         "link": {"connect": [f"tcp/127.0.0.1:{ports.zenoh}"]},
-        "gnss": {"device": inputs.device, "service": "own-base", "lever_arm_m": [0.0, 0.0, ANTENNA_ABOVE_LENS_M]},
+        "gnss": {
+            "device": inputs.device,
+            "service": "own-base",
+            "frame": "ITRF2020",
+            "lever_arm_m": [0.0, 0.0, ANTENNA_ABOVE_LENS_M],
+        },
         "clock": {"source": "assumed", "assumed_bound_s": CLOCK_BOUND_S},
     }
     return tomli_w.dumps(config)

@@ -5,7 +5,7 @@ how many seconds, and which pair is the one still missing. Every state has a rea
 taken or left in whole; a stored one is believed only once what is seen agrees with it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import combinations
@@ -213,10 +213,13 @@ class Calibration:
 
     # What to tell
 
-    def standing(self, window: Window, sites: dict[str, SiteCamera], busy: bool) -> Standing:
-        """State, reason and next action."""
+    def standing(
+        self, window: Window, sites: dict[str, SiteCamera], busy: bool, placed: Set[str] | None = None
+    ) -> Standing:
+        """State, reason and next action. placed: cameras with a position, where that is known of more than `sites`."""
+        placed = placed or {name for name, site in sites.items() if site.position_enu is not None}
         if self.network is not None and self.contradiction:
-            why, action = self._collecting(window, sites, busy)
+            why, action = self._collecting(window, sites, placed, busy)
             return Standing(Phase.SUSPECT, f"no position is sent: {self.contradiction}; {why}", action)
         if self.network is not None and self.suspects:
             names = ", ".join(f"{camera} ({why})" for camera, why in self.suspects.items())
@@ -225,7 +228,7 @@ class Calibration:
             )
         if self.network is not None:
             return Standing(Phase.CALIBRATED, self._calibrated(), self._lacking(window, sites))
-        return Standing(Phase.COLLECTING, *self._collecting(window, sites, busy))
+        return Standing(Phase.COLLECTING, *self._collecting(window, sites, placed, busy))
 
     def _calibrated(self) -> str:
         assert self.network is not None
@@ -237,11 +240,13 @@ class Calibration:
         missing = [camera for camera in self.cameras if self.network.camera(camera) is None]
         return "" if not missing else self._waiting_for(window, sites, missing)
 
-    def _collecting(self, window: Window, sites: dict[str, SiteCamera], busy: bool) -> tuple[str, str]:
+    def _collecting(
+        self, window: Window, sites: dict[str, SiteCamera], placed: Set[str], busy: bool
+    ) -> tuple[str, str]:
         unseen = [camera for camera in self.cameras if camera not in sites]
         if len(sites) < MIN_CAMERAS:
             return f"{', '.join(unseen)}: no lens known yet", "start the boxes; each sends its lens by itself"
-        unplaced = [camera for camera in sites if sites[camera].position_enu is None]
+        unplaced = [camera for camera in sites if camera not in placed]
         if len(sites) - len(unplaced) < MIN_CAMERAS:
             return (
                 f"{', '.join(unplaced)}: no position known yet",

@@ -102,6 +102,10 @@ class Positions:
             return section.position, self._written.sigma_m(section.position, section.position_sigma)
         return None if box.fix is None else lens_position(box.fix)
 
+    def known(self, camera: str, box: CameraIntake) -> bool:
+        """Whether a camera has a position, though the site may have no origin yet for want of the others'."""
+        return camera not in self.unbelieved and self._geodetic(camera, box) is not None
+
     def of(self, camera: str, box: CameraIntake) -> tuple[Array, Array] | None:
         """(3,) ENU metres and (3, 3) covariance of a camera's optical centre, or None if it is not known."""
         place = self._geodetic(camera, box)

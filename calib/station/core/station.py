@@ -353,7 +353,8 @@ class Station:
         sites = self._sites()
         job = None if self._busy else self.calibration.plan(self.window, sites, self.positions.origin, now_unix_ns)
         self._busy = self._busy or job is not None
-        self.standing = self.calibration.standing(self.window, sites, self._busy)
+        placed = {name for name, box in self.intake.cameras.items() if self.positions.known(name, box)}
+        self.standing = self.calibration.standing(self.window, sites, self._busy, placed)
         if self._stored is not None and self.calibration.network is None:
             action = "fly where two cameras see it: it is believed within two seconds"
             self.standing = Standing(Phase.COLLECTING, "checking the stored calibration against what is seen", action)

@@ -128,12 +128,17 @@ def camera_card(camera: CameraStatus, health: Health | None) -> str:
     if not camera.online and camera.last_frame_s is not None:  # the station's own reason is up to a second older
         reason = f"last frame {camera.last_frame_s:.0f} s ago"
     own = "" if health is None else _items(health)
-    lines = "".join(f"<div><dt>{name}</dt><dd>{escape(value)}</dd></div>" for name, value in facts.items())
+    lines = "".join(_fact(name, value) for name, value in facts.items())
     return (
         f'<div class="fact {level}" data-camera="{escape(camera.id)}" data-level="{level}">'
         f'<h3>{escape(camera.id)} <span class="light {level}">{state}</span></h3>'
         f"<p>{escape(reason)}</p>{own}<dl>{lines}</dl></div>"
     )
+
+
+def _fact(name: str, value: str) -> str:
+    wide = ' class="wide"' if name == "receiver" else ""  # a sentence, where the others are a number
+    return f"<div{wide}><dt>{name}</dt><dd>{escape(value)}</dd></div>"
 
 
 def _bound(bound_s: float | None) -> str:

@@ -102,7 +102,7 @@ def _camera(station: Station, box: CameraIntake, now_ns: int) -> CameraStatus:
         detections_per_frame=box.detections,
         clock_bound_s=box.clock_bound_s,
         clock_offset_s=None if calibrated is None else calibrated.clock_offset_s,
-        surveyed=place is not None,
+        surveyed=station.positions.known(box.id, box),
         calibrated=box.id in station.calibration.trusted,
         suspect=station.calibration.suspects.get(box.id, ""),
         missed=box.counters["missed"],

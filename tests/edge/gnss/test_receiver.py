@@ -2,6 +2,7 @@
 
 import datetime as dt
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ from edge.common.errors import ConfigError
 from edge.config import GnssConfig
 from edge.gnss.diagnosis import ReceiverState
 from edge.gnss.port import Fault, PortError, ReceiverPort, open_port
-from edge.gnss.receiver import Receiver, check_antenna
+from edge.gnss.receiver import HUNG_S, Receiver, check_antenna
 from tests.conftest import Until
 from tools.doubles.receiver import Place, gga, rmc
 from tools.doubles.serial_receiver import SerialReceiver
@@ -250,6 +251,40 @@ def test_whatever_a_driver_raises_is_a_port_error(raised: Exception, until: Unti
     try:
         assert until(lambda: receiver.status().state is ReceiverState.LOST)
     finally:
+        receiver.close()
+
+
+def test_what_a_driver_that_hangs_said_last_is_not_said_for_ever(until: Until) -> None:
+    """A USB bridge that stops in the middle of a read: no byte, no error, and a thread that cannot know."""
+    hangs, stuck, clock = threading.Event(), threading.Event(), {"ahead_s": 0.0}
+
+    class Hanging(ScriptedPort):
+        def read(self) -> bytes:
+            while hangs.is_set():
+                stuck.set()
+                time.sleep(0.01)
+            return super().read()
+
+    receiver = Receiver(
+        GnssConfig(device="/dev/hanging"),
+        opener=lambda device, baud: Hanging(baud, baud, 0.0),
+        monotonic_s=lambda: time.monotonic() + clock["ahead_s"],
+    )
+    receiver.start()
+    try:
+        assert until(lambda: receiver.fix() and (said := receiver.said()) and said.standing == "held")
+        hangs.set()
+        assert stuck.wait(5.0)
+        clock["ahead_s"] = HUNG_S + 1
+        said = receiver.said()
+        assert said is not None
+        assert (said.standing, said.quality) == ("unconfirmed", 0)
+        assert receiver.fix() is None
+        assert (receiver.status().level, "has not answered" in receiver.status().reason) == ("fail", True)
+        hangs.clear()
+        assert until(receiver.fix)
+    finally:
+        hangs.clear()
         receiver.close()
 
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from calib.station.config import CameraSection
+from calib.station.config import BaseConfig, CameraSection, SiteSection
 from calib.station.core.calibration import Phase
 from calib.station.core.intake import CameraIntake
 from calib.station.core.positions import Positions
 from calib.station.core.station import Station
 from calib.station.core.stored_state import StoredState
 from edge.messages import Fix, Health, camera_key, encode
-from tools.doubles.box_messages import SITE, T0_UNIX_NS, fix_message
+from tools.doubles.box_messages import SITE, T0_UNIX_NS, fix_message, state_messages
 from tools.doubles.core_station import station_for
 from tools.doubles.flight import Spec, make
 
@@ -152,3 +152,15 @@ def test_a_surveyed_position_stays_in_use_and_a_fix_elsewhere_is_said() -> None:
     assert used is not None
     assert used[0] == pytest.approx(np.zeros(3), abs=1e-6)
     assert any("surveyed position" in check.reason for check in positions.checks(boxes))
+
+
+def test_only_the_cameras_without_a_position_are_asked_for_one() -> None:
+    """Two of three have RTK: the operator is sent to the third, though the site has no place yet for want of it."""
+    sections = {name: CameraSection(id=name) for name in NAMES}
+    station = Station(BaseConfig(site=SiteSection(name=SITE), camera=list(sections.values())), sections, StoredState())
+    for sent in state_messages(SCENE):
+        if sent.key != camera_key(SITE, NAMES[2], "fix"):
+            station.handle(sent.key, sent.payload, NOW_NS)
+    station.tick(NOW_NS)
+    assert station.standing.reason == f"{NAMES[2]}: no position known yet"
+    assert [station.positions.known(name, box) for name, box in station.intake.cameras.items()] == [True, True, False]
