@@ -41,7 +41,7 @@ from edge.link.ports import place, why_not_free
 from edge.link.security import Bearer, check_security
 
 SENDS: Final = 3  # times that an output sends, so that what the network says of the first is heard
-BETWEEN_SENDS_S: Final = 0.15
+HEARS_WITHIN_S: Final = 0.15  # of each; what is well says nothing
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 ASKED_FOR: Final = ("versions", "recordings", "frame")  # findings that only the station that runs can have
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
@@ -188,12 +188,17 @@ def _outputs(config: BaseConfig, folder: Path) -> Iterator[Line]:
     outputs = wanted(config)
     if not outputs:
         yield Line("WARN", "output", "none: nothing is sent", "add [[mavlink.endpoint]] or [output.NAME]")
+    besides: dict[str, Check] = {}
     for one in (each for output in outputs for each in output.one_by_one()):
         try:
             with ExitStack() as stack:
-                yield _sent(one.title, open_output(one, host, stack))
+                output = open_output(one, host, stack)
+                yield _sent(one.title, output)
+                besides |= {check.name: check for check in output.checks(time.time_ns()) if check.name != one.title}
         except ConfigError as error:
             yield Line("FAIL", one.title, error.what, error.action)
+    for check in besides.values():
+        yield Line(VERDICTS[check.level], check.name, check.reason, check.action)
 
 
 def _sent(title: str, output: Output) -> Line:
@@ -202,9 +207,9 @@ def _sent(title: str, output: Output) -> Line:
     worst = Check("", "ok", "")
     for _ in range(SENDS):
         output.second(nobody, [], time.time_ns())
-        time.sleep(BETWEEN_SENDS_S)
+        output.wait(HEARS_WITHIN_S)
         output.receive(time.time_ns(), time.time_ns(), lambda _: False)
-        # What the network says of a datagram comes with the next one.
+        # What the network says of a dialling comes with the next call.
         worst = max([worst, *output.checks(time.time_ns())], key=lambda check: SEVERITY[check.level])
     if worst.level == "ok":
         return Line("PASS", title, "+".join(each.content for each in output.status) or "opened")

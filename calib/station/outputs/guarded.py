@@ -27,24 +27,34 @@ class GuardedOutput:
         self.rate_hz = inner.rate_hz
 
     def targets(self, targets: Sequence[OutgoingTarget], now_ns: int, synced: bool) -> None:
+        """Hand on targets."""
         with self._fence:
             self._inner.targets(targets, now_ns, synced)
 
     def second(self, standing: StationStanding, texts: Sequence[tuple[HealthLevel, str]], now_ns: int) -> None:
+        """Hand on how the station is."""
         with self._fence:
             self._inner.second(standing, texts, now_ns)
 
     def moved(self, origin: Origin) -> None:
+        """Hand on another origin."""
         with self._fence:
             self._inner.moved(origin)
 
     def calibrated(self, done: bool, now_ns: int) -> None:
+        """Hand on how a calibration ended."""
         with self._fence:
             self._inner.calibrated(done, now_ns)
 
     def receive(self, now_ns: int, now_unix_ns: int, command: CommandHandler) -> None:
+        """Have it take what came."""
         with self._fence:
             self._inner.receive(now_ns, now_unix_ns, command)
+
+    def wait(self, timeout_s: float) -> None:
+        """Until something came for it, or the time is over."""
+        with self._fence:
+            self._inner.wait(timeout_s)
 
     def checks(self, now_ns: int) -> list[Check]:
         """Its own, and that it failed lately."""
@@ -69,5 +79,6 @@ class GuardedOutput:
         return []
 
     def close(self) -> None:
+        """Close it."""
         with self._fence:
             self._inner.close()

@@ -97,6 +97,9 @@ class Output(Protocol):
     def receive(self, now_ns: int, now_unix_ns: int, command: CommandHandler) -> None:
         """Take what came from outside. now_unix_ns: the data's now."""
 
+    def wait(self, timeout_s: float) -> None:
+        """Until something came, the network's word on what was sent say, or the time is over. Not for the loop."""
+
     def checks(self, now_ns: int) -> list[Check]:
         """How it is, once a second."""
 

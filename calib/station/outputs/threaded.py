@@ -6,6 +6,7 @@ ended) is kept as state and handed on before the next targets. Only an output th
 from within the loop.
 """
 
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -48,6 +49,7 @@ class ThreadedOutput(OwnThread):
         self._now = (0, 0, False)  # arrival clock ns, data's now ns, synced: as the loop had them last
         self._since_s: float | None = None  # when the call began that the thread is in
         self._report: tuple[list[Check], dict[str, float], list[EndpointStatus]] = ([], {}, [])
+        self._reported = threading.Event()
         self._record = record
         self._inner = GuardedOutput(name, opened(lambda endpoint, frame: self._records.append((endpoint, frame))))
         self.rate_hz = self._inner.rate_hz
@@ -55,17 +57,21 @@ class ThreadedOutput(OwnThread):
     # The loop's side: nothing here waits
 
     def targets(self, targets: Sequence[OutgoingTarget], now_ns: int, synced: bool) -> None:
+        """Queue targets."""
         self._now = (now_ns, self._now[1], synced)
         if targets:
             self._calls.put(lambda: self._inner.targets(targets, now_ns, synced))
 
     def second(self, standing: StationStanding, texts: Sequence[tuple[HealthLevel, str]], now_ns: int) -> None:
+        """Queue how the station is."""
         self._calls.put(lambda: self._second(standing, texts, now_ns))
 
     def moved(self, origin: Origin) -> None:
+        """Keep the newest origin for its next turn."""
         self._origins.append(origin)
 
     def calibrated(self, done: bool, now_ns: int) -> None:
+        """Keep how the newest calibration ended for its next turn."""
         self._endings.append(done)
 
     def receive(self, now_ns: int, now_unix_ns: int, command: CommandHandler) -> None:
@@ -77,6 +83,11 @@ class ThreadedOutput(OwnThread):
                 answer.set_result(command(wanted))
         while self._records:
             self._record(*self._records.popleft())
+
+    def wait(self, timeout_s: float) -> None:
+        """Until it has reported how it is, or the time is over."""
+        self._reported.wait(timeout_s)
+        self._reported.clear()
 
     def checks(self, now_ns: int) -> list[Check]:
         """What it reported of itself last, and whether it hangs."""
@@ -121,6 +132,7 @@ class ThreadedOutput(OwnThread):
     def _second(self, standing: StationStanding, texts: Sequence[tuple[HealthLevel, str]], now_ns: int) -> None:
         self._inner.second(standing, texts, now_ns)
         self._report = (self._inner.checks(now_ns), self._inner.counters, self._inner.status)
+        self._reported.set()
 
     def _command(self, wanted: str) -> bool:
         """Ask the loop, and wait for its answer: whether it can be done."""

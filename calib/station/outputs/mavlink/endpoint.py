@@ -51,6 +51,11 @@ class Endpoint(ABC):
     def receive(self, now_ns: int) -> list[tuple[int, bytes]]:
         """What came: (which peer, bytes)."""
 
+    @property
+    @abstractmethod
+    def sources(self) -> list[int]:
+        """The file descriptors that may have something to read."""
+
     @abstractmethod
     def close(self) -> None:
         """Let go of the socket or device."""
@@ -74,6 +79,7 @@ class UdpEndpoint(Endpoint):
         self._socket.setblocking(False)
 
     def send(self, frames: list[bytes], now_ns: int) -> None:
+        """A datagram a frame."""
         for frame in frames:
             try:
                 self.sent_bytes += self._socket.sendto(frame, self._address)
@@ -81,6 +87,7 @@ class UdpEndpoint(Endpoint):
                 self._failed(error)
 
     def receive(self, now_ns: int) -> list[tuple[int, bytes]]:
+        """The datagrams that came, a few a call; the peer is always 0."""
         came: list[tuple[int, bytes]] = []
         for _ in range(READS_A_POLL):
             try:
@@ -92,7 +99,13 @@ class UdpEndpoint(Endpoint):
                 break
         return came
 
+    @property
+    def sources(self) -> list[int]:
+        """As `Endpoint` has it."""
+        return [self._socket.fileno()]
+
     def close(self) -> None:
+        """Close the socket."""
         self._socket.close()
 
 
@@ -145,6 +158,7 @@ class TcpEndpoint(Endpoint):
             self._server.setblocking(False)
 
     def send(self, frames: list[bytes], now_ns: int) -> None:
+        """To each client, or to the server; who does not read is dropped."""
         self._welcome(now_ns)
         for number, stream in list(self._streams.items()):
             try:
@@ -153,6 +167,7 @@ class TcpEndpoint(Endpoint):
                 self._drop(number, error)
 
     def receive(self, now_ns: int) -> list[tuple[int, bytes]]:
+        """What came from each client, by its number."""
         self._welcome(now_ns)
         came: list[tuple[int, bytes]] = []
         for number, stream in list(self._streams.items()):
@@ -162,7 +177,15 @@ class TcpEndpoint(Endpoint):
                 self._drop(number, error)
         return [(number, data) for number, data in came if data]
 
+    @property
+    def sources(self) -> list[int]:
+        """As `Endpoint` has it."""
+        return [stream.connection.fileno() for stream in self._streams.values()] + [
+            other.fileno() for other in (self._server, self._dialling) if other is not None
+        ]
+
     def close(self) -> None:
+        """Close all connections, and what listens or dials."""
         for number in list(self._streams):
             self._streams.pop(number).connection.close()
         for other in (self._server, self._dialling):
@@ -202,7 +225,7 @@ class TcpEndpoint(Endpoint):
         connection, self._dialling = self._dialling, None
         if outcome not in {0, errno.EISCONN}:
             connection.close()
-            raise OSError(outcome, errno.errorcode.get(outcome, "cannot connect"))
+            raise OSError(outcome, os.strerror(outcome))
         self._adopt(connection)
 
 
@@ -255,6 +278,7 @@ class SerialEndpoint(Endpoint):
         self._waiting = _Waiting(max(LINE_LEAST_WAITING_BYTES, round(baud / BITS_A_BYTE * LINE_WAITING_S)))
 
     def send(self, frames: list[bytes], now_ns: int) -> None:
+        """As much as the line takes now; what waits longer than its time is dropped, the oldest first."""
         line = self._open(now_ns)
         if line is None or not (frames or self._waiting.next_bytes()):
             return
@@ -275,6 +299,7 @@ class SerialEndpoint(Endpoint):
             )
 
     def receive(self, now_ns: int) -> list[tuple[int, bytes]]:
+        """What came; the peer is always 0."""
         line = self._open(now_ns)
         try:
             data = line.read(LINK_READ_BYTES) if line is not None else b""
@@ -283,7 +308,13 @@ class SerialEndpoint(Endpoint):
             return []
         return [(0, data)] if data else []
 
+    @property
+    def sources(self) -> list[int]:
+        """As `Endpoint` has it."""
+        return [] if self._line is None else [self._line.fileno()]
+
     def close(self) -> None:
+        """Close the line, without waiting for what it has not taken."""
         if self._line is not None:
             with contextlib.suppress(OSError, termios.error):
                 self._line.reset_output_buffer()  # else the kernel waits half a minute for a line that takes nothing

@@ -1,6 +1,7 @@
 """MAVLink as an output: all its endpoints together, and which port speaks through which socket."""
 
 import logging
+import select
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -78,17 +79,21 @@ class MavlinkOutput:
 
     @property
     def rate_hz(self) -> float:
+        """The fastest of its endpoints' rates."""
         return max(section.rate_hz for section in self._options.endpoint)
 
     def close(self) -> None:
+        """Close all endpoints."""
         for _, endpoint, _ in self._lines:
             endpoint.close()
 
     def moved(self, origin: Origin) -> None:
+        """Send about another origin from now on."""
         for port, _, _ in self._lines:
             port.move_to(self._mavlink_context(origin))
 
     def targets(self, targets: Sequence[OutgoingTarget], now_ns: int, synced: bool) -> None:
+        """To each endpoint what its profile and rates ask for, and what is due by time."""
         for port, endpoint, _ in self._lines:
             self._send(endpoint, port.targets(targets, now_ns, synced), now_ns)
 
@@ -104,9 +109,18 @@ class MavlinkOutput:
         self._context.keep_signing_ticks(newest)
 
     def receive(self, now_ns: int, now_unix_ns: int, command: CommandHandler) -> None:
+        """Answer what came, each peer where it came from."""
         for port, endpoint, _ in self._lines:
             for peer, data in endpoint.receive(now_ns):
                 self._send(endpoint, port.receive(data, now_unix_ns, command, peer), now_ns)
+
+    def wait(self, timeout_s: float) -> None:
+        """Until one of its sockets or lines has something to read, an error that the network reports among it."""
+        poll = select.poll()
+        for _, endpoint, _ in self._lines:
+            for source in endpoint.sources:
+                poll.register(source, select.POLLIN)
+        poll.poll(timeout_s * 1e3)
 
     def calibrated(self, done: bool, now_ns: int) -> None:
         """Tell whoever asked for a calibration how it ended."""

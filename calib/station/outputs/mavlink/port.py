@@ -47,8 +47,12 @@ ONLY_ASKING: Final = frozenset(  # commands that only want to be told something
 class _Paced:
     """When each target was last sent, per message; and LOST messages still owed."""
 
+    default_ns: int
+    interval_ns: int = field(init=False)
     last_ns: dict[int, int] = field(default_factory=dict)
-    interval_ns: int = 0
+
+    def __post_init__(self) -> None:
+        self.interval_ns = self.default_ns
 
     def due(self, track: int, now_ns: int) -> bool:
         """Whether it is this target's turn; if so, its turn is over."""
@@ -94,8 +98,8 @@ class MavlinkPort:
         self._listeners: dict[int, Codec] = {}  # one a peer: a frame may come in pieces, between those of others
         self._clock = (time.time(), 0)
         self._clashes = clashes or Clashes(options.system_id, own)
-        self._adsb = _Paced(interval_ns=round(NS / options.adsb_rate_hz))
-        self._tracks = _Paced(interval_ns=round(NS / endpoint.rate_hz))
+        self._adsb = _Paced(round(NS / options.adsb_rate_hz))
+        self._tracks = _Paced(round(NS / endpoint.rate_hz))
         self._notices: list[_LostNotice] = []
         self._text_budget, self._texts = TEXTS_A_SECOND, 0
         self._signed = key is not None
@@ -262,7 +266,11 @@ class MavlinkPort:
         paced = {246: self._adsb, 45000: self._tracks}.get(message_id)
         if paced is None:
             return int(common.MAV_RESULT_UNSUPPORTED)
-        if not 5_000 <= interval_us <= MAX_INTERVAL_US:  # 5 ms: 200 Hz
+        if interval_us == 0:  # as MAVLink has it: the default
+            paced.interval_ns = paced.default_ns
+            return int(common.MAV_RESULT_ACCEPTED)
+        # 5 ms: 200 Hz. And never -1, which would turn it off: others on the line would take the sky for empty.
+        if not 5_000 <= interval_us <= MAX_INTERVAL_US:
             return int(common.MAV_RESULT_DENIED)
         paced.interval_ns = round(interval_us * 1000)
         return int(common.MAV_RESULT_ACCEPTED)

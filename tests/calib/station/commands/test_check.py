@@ -26,6 +26,8 @@ def test_a_configuration_that_is_well_passes(tmp_path: Path, endpoint: str, caps
         found = lines(configured(tmp_path, endpoint, mavlink={"endpoint": [ear.endpoint]}), tmp_path)
         assert main(["check", "--config", str(tmp_path / "base.toml")]) == 0
     assert found[name] == Line("PASS", name, "gcs+ecef")
+    assert found["mavlink identity"].verdict == "PASS"
+    assert "sends as 200/" in found["mavlink identity"].reason
     assert found["stored calibration"].reason.startswith("3 cameras")
     assert {name for name, line in found.items() if line.verdict == "FAIL"} == set()
     assert found["clock"].verdict in ("PASS", "WARN")
@@ -47,6 +49,13 @@ def test_every_receiver_is_tried_even_when_one_is_wrong(tmp_path: Path, endpoint
     assert "no MAVLink endpoint" in found["mavlink upd:127.0.0.1:1"].reason
     assert "no signing key" in found["mavlink udp:127.0.0.1:2"].reason
     assert found[name].verdict == "PASS"
+
+
+def test_a_receiver_that_is_not_there_is_said_as_soon_as_the_network_says_it(tmp_path: Path, endpoint: str) -> None:
+    url = f"tcp:127.0.0.1:{free_port()}"
+    found = lines(configured(tmp_path, endpoint, mavlink={"endpoint": [{"url": url, "profile": ["ecef"]}]}), tmp_path)
+    assert found[f"mavlink {url}"].verdict == "WARN"
+    assert "Connection refused" in found[f"mavlink {url}"].reason
 
 
 def test_what_is_missing_or_taken_is_named_with_what_to_do(tmp_path: Path, endpoint: str) -> None:

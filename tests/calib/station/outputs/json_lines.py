@@ -51,6 +51,9 @@ class JsonLines:
     def receive(self, now_ns: int, now_unix_ns: int, command: CommandHandler) -> None:
         pass
 
+    def wait(self, timeout_s: float) -> None:
+        pass
+
     def checks(self, now_ns: int) -> list[Check]:
         return [Check("lines", "ok", "sends")]
 

@@ -58,6 +58,9 @@ class Misbehaving:
         while self.commands:
             self.answers.append(command(self.commands.pop()))
 
+    def wait(self, timeout_s: float) -> None:
+        self._called("wait")
+
     def checks(self, now_ns: int) -> list[Check]:
         return [Check("misbehaving", "ok", f"{len(self.calls)} calls")]
 

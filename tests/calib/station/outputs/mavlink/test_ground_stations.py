@@ -11,14 +11,27 @@ from pymavlink.dialects.v20 import common
 
 from calib.station.config import SiteSection
 from calib.station.outputs.mavlink.codec import Codec
+from calib.station.outputs.mavlink.endpoint import REDIAL_NS
 from calib.station.outputs.mavlink.output import MavlinkOutput, open_output
 from calib.station.outputs.output import OutputContext
 from tools.doubles.ground_station import COMPONENT, SYSTEM, asking, connecting
+from tools.doubles.ports import free_port
 
 VEHICLE = 1
 KEY = bytes(range(32))
 OURS = (60, 61)  # components
 SITE = SiteSection(name="hill", undulation_m=47.0)
+
+
+def opened(folder: Path, *urls: str, **endpoint: object) -> MavlinkOutput:
+    """The vehicle's system id, OURS, and both profiles to each endpoint."""
+    table = {
+        "system_id": VEHICLE,
+        "gcs_component": OURS[0],
+        "ecef_component": OURS[1],
+        "endpoint": [{"url": url, "profile": ["gcs", "ecef"], **endpoint} for url in urls],
+    }
+    return open_output(table, OutputContext("[mavlink]", SITE, folder, 1, 0, lambda *_: None, lambda _: None))
 
 
 class GroundStation:
@@ -29,10 +42,7 @@ class GroundStation:
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(5.0)
         url = f"udp:127.0.0.1:{self._socket.getsockname()[1]}"
-        table = {"system_id": VEHICLE, "gcs_component": OURS[0], "ecef_component": OURS[1]}
-        table["endpoint"] = [{"url": url, "profile": ["gcs", "ecef"], **endpoint}]  # type: ignore[assignment]
-        context = OutputContext("[mavlink]", SITE, folder, 1, 0, lambda *_: None, lambda _: None)
-        self.output: MavlinkOutput = open_output(table, context)
+        self.output = opened(folder, url, **endpoint)
         self._codec = Codec(SYSTEM, COMPONENT)
         (_, endpoint_of, _) = self.output._lines[0]
         endpoint_of.send([b"\0"], 0)
@@ -116,3 +126,21 @@ def test_our_version_is_told_to_whoever_may_give_orders(tmp_path: Path, signing:
         assert ground.alarms == []
         assert len(ground.say(question, bytes(32))) == 1
         assert "forged" in ground.alarms[0], "a question under a forged signature is one"
+
+
+def test_who_waits_hears_of_the_network_at_once_and_of_silence_in_time(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        urls = [f"udp:127.0.0.1:{silent.getsockname()[1]}", f"tcpin:127.0.0.1:{free_port()}"]
+        with closing(opened(tmp_path, *urls)) as output:
+            began_s = time.monotonic()
+            output.wait(0.1)
+            assert time.monotonic() - began_s > 0.09
+    nobody = f"tcp:127.0.0.1:{free_port()}"
+    with closing(opened(tmp_path, nobody)) as output:
+        output.receive(REDIAL_NS, 0, lambda _: True)  # dials
+        began_s = time.monotonic()
+        output.wait(10.0)
+        assert time.monotonic() - began_s < 5.0
+        output.receive(REDIAL_NS, 0, lambda _: True)
+        assert "refused" in output.checks(0)[0].reason

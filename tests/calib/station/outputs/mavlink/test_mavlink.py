@@ -244,6 +244,20 @@ def test_a_listed_system_may_set_rates_within_reason() -> None:
     assert [m.result for m in answer(one, command(400))] == [common.MAV_RESULT_UNSUPPORTED]
 
 
+def test_an_interval_of_zero_is_the_configured_one_again_and_nothing_is_turned_off() -> None:
+    one = port(commands_from=[255], rate_hz=20.0)
+
+    def tracks(second: int) -> int:
+        frames = [one.targets([target()], second * NS + k * NS // 20, True) for k in range(20)]
+        return sum(kinds(each).count("TARGET_TRACK_ECEF") for each in frames)
+
+    assert tracks(0) == 20
+    for second, (interval_us, result, rate) in enumerate(((1_000_000, 0, 1), (-1, 2, 1), (0, 0, 20)), start=2):
+        (ack,) = answer(one, command(511, p1=45000, p2=interval_us))
+        assert ack.result == result
+        assert tracks(second) == rate, interval_us
+
+
 @pytest.mark.parametrize("absurd", [float("nan"), float("inf"), float("-inf"), 3e38])
 @pytest.mark.parametrize("number", [CALIBRATE, 241, 400, 511, 512])
 def test_a_parameter_that_is_no_number_is_refused_and_ends_nothing(number: int, absurd: float) -> None:
