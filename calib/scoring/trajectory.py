@@ -1,15 +1,18 @@
 """A trajectory's errors against the truth, under a named alignment.
 
 The usual figures are easy to mistake for each other: "MAE" is published as the mean of the 1-norm and as the mean of
-the 2-norm of the error vector, which differ by up to 1.7. Both are given, by name.
+the 2-norm of the error vector, which differ by up to 1.7. Both are given, by name. And small errors are half of the
+answer: whether the estimate's own sigma is true is told beside them, where it states one.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.scoring.alignment import Alignment, fit
+from calib.scoring.consistency import Consistency, Stated, consistency
 from calib.scoring.timing import Path, Timing, find_clock
 from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
@@ -24,7 +27,7 @@ class Evaluation:
 
     matched, truth_rows: truth rows compared, and how many lie in the estimate's time span. shift_s, rate: what was
     found of the clocks. yaw_deg, scale, moved_m: what the alignment took away. mae_1_norm_m and mae_2_norm_m: the mean
-    of |x| + |y| + |z| and of the distance.
+    of |x| + |y| + |z| and of the distance. consistency: errors against the estimate's own sigma, if it states one.
     """
 
     alignment: str
@@ -46,6 +49,7 @@ class Evaluation:
     tilt_deg: float
     scale: float
     moved_m: tuple[float, float, float]
+    consistency: tuple[Consistency, ...]
 
 
 def evaluate(
@@ -54,8 +58,10 @@ def evaluate(
     alignment: Alignment = "yaw",
     timing: Timing = "rate",
     max_gap_s: float = LONGEST_BRIDGED_S,
+    *,
+    stated: Stated | None = None,
 ) -> Evaluation:
-    """Score an estimate against the truth.
+    """Score an estimate against the truth. stated: what the estimate says of its rows, one each.
 
     The clock is searched under the same alignment that is then reported. Raises SkyfixError if fewer than four truth
     rows meet the estimate.
@@ -72,19 +78,30 @@ def evaluate(
     motion = fit(alignment, kept, true, np.ones(kept.shape[:2]))
     in_span = (t_s >= estimate.t_s[0]) & (t_s <= estimate.t_s[-1])
     R = motion.R_truth_estimate[0]
+    aligned = motion.apply(kept)[0]
+    own_error = (aligned - true[0]) @ R / motion.scale[0]
+    nearest = _nearest(estimate.t_s, t_s[inside])
     return Evaluation(
         alignment=alignment,
         timing=timing,
         matched=int(inside.sum()),
         truth_rows=int(in_span.sum()),
-        **_figures(motion.apply(kept)[0], true[0]),
+        **_figures(aligned, true[0]),
         shift_s=clock.shift_s,
         rate=clock.rate,
         yaw_deg=float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))),
         tilt_deg=float(np.degrees(np.arccos(np.clip(R[2, 2], -1, 1)))),
         scale=float(motion.scale[0]),
-        moved_m=_three((motion.apply(kept) - kept).mean(axis=1)[0]),
+        moved_m=_three((aligned - kept[0]).mean(axis=0)),
+        consistency=consistency(own_error, stated.chosen(nearest), t_s[inside]) if stated is not None else (),
     )
+
+
+def _nearest(times_s: Array, t_s: Array) -> NDArray[np.intp]:
+    """(N,) which of some rising times is nearest to each of t_s (N,)."""
+    after = np.clip(np.searchsorted(times_s, t_s), 1, len(times_s) - 1)
+    before_is_nearer = t_s - times_s[after - 1] < times_s[after] - t_s
+    return np.asarray(after - before_is_nearer, np.intp)
 
 
 def _too_few(rows: int) -> SkyfixError:

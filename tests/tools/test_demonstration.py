@@ -120,7 +120,7 @@ def positions(
     ecef = enu_to_ecef(path.position_enu(t_s) + off_enu, ORIGIN)
     times = [START + round(t * 1e9) for t in t_s.tolist()]
     return [
-        Position(t + 30_000_000, t, 0, (x, y, z), track, 2, 3, 1)
+        Position(t + 30_000_000, t, 0, (x, y, z), track, 2, 3, 1, (0.0,) * 21)
         for t, (x, y, z) in zip(times, ecef.tolist(), strict=True)
     ]
 
@@ -189,7 +189,7 @@ def view(elapsed_s: float, reason: str = "waiting for an object", heard: int = 0
     health = {"items": [{"level": "warn", "name": "security", "reason": "no TLS"}]}
     status = {"phase": "collecting", "reason": reason, "action": "fly", "cameras": [camera], "health": health}
     now = START + round(elapsed_s * 1e9)
-    seen = [Position(now - 1, now - 2, 0, (0.0, 0.0, 0.0), 5, 2, 3, 1)] * heard
+    seen = [Position(now - 1, now - 2, 0, (0.0, 0.0, 0.0), 5, 2, 3, 1, (0.0,) * 21)] * heard
     return View(elapsed_s, 75.0, status, seen, np.full(heard, 0.25), now)
 
 

@@ -21,12 +21,13 @@ from typing import Final
 
 import numpy as np
 
+from calib.scoring.consistency import CHI2_3_999
 from calib.station.archive import recording
 from edge.link.store import SpoolStore
 from tools.doubles.air import Air, possible
 from tools.doubles.heard import Row, latency_s, live_again_after
 from tools.doubles.site import CAMERAS, PATIENCE_S, Site, demo_flight, wait
-from tools.doubles.truth import CHI2_3_95, CHI2_3_999, Error
+from tools.doubles.truth import CHI2_3_95, Error
 
 CALM_S: Final = 15.0  # before a fault, to compare with
 AFTER_S: Final = 5.0  # within which everything must be back, and what is sent is looked at closely

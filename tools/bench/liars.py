@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from calib.scoring.consistency import CHI2_3_999
 from tools.doubles.liars import LIES
 from tools.doubles.lying_site import Outcome, run
-from tools.doubles.truth import CHI2_3_999
 
 
 def _one(case: tuple[int, int, int]) -> Outcome:

@@ -17,18 +17,22 @@ from typing import Final
 import numpy as np
 import tomli_w
 
-from calib.geodesy import ecef_to_enu
+from calib.geodesy import Origin, ecef_to_enu
 from calib.scoring.alignment import ALIGNMENTS
+from calib.scoring.consistency import Stated
 from calib.scoring.timing import Path as Track
 from calib.scoring.trajectory import evaluate
 from calib.station.app import main as base_station
 from calib.station.archive.replay_source import ReplaySource, open_source
 from calib.station.commands.score import read_truth, table
+from calib.station.core.outgoing import UPPER
+from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
 from tools.demonstration.processes import Programs
 from tools.doubles.base import base_config
 from tools.doubles.listener import LOST, Listener, Position
 from tools.doubles.ports import free_endpoint
+from tools.doubles.truth import enu_of_ecef
 
 OUTPUT: Final = Path("out") / "replay_live"
 TAIL_S: Final = 3.0  # after the last message, for what is still under way
@@ -59,12 +63,23 @@ def run(source: ReplaySource, speed: float, folder: Path) -> tuple[list[Position
         return listener.positions, code
 
 
-def heard_path(positions: list[Position], origin: tuple[float, float, float]) -> Track:
-    """Every position of every track in time order, one a time: the flight as a receiver would draw it."""
+def heard_path(positions: list[Position], origin: Origin) -> tuple[Track, Stated]:
+    """Every position of every track in time order, one a time: the flight as a receiver would draw it, its sigma."""
     times = np.array([position.time_ns for position in positions], np.int64)
     _, first = np.unique(times, return_index=True)
-    enu = ecef_to_enu(np.array([positions[k].ecef_m for k in first.tolist()], float), origin)
-    return Track(np.asarray(times[first] * 1e-9, float), enu)
+    kept = [positions[k] for k in first.tolist()]
+    enu = ecef_to_enu(np.array([position.ecef_m for position in kept], float), origin)
+    cameras = np.array([position.cameras for position in kept], np.int64)
+    return Track(np.asarray(times[first] * 1e-9, float), enu), Stated(_covariances(kept, origin), cameras)
+
+
+def _covariances(positions: list[Position], origin: Origin) -> Array:
+    """(N, 3, 3) of position, m2, ENU."""
+    whole = np.zeros((len(positions), 6, 6))
+    whole[(slice(None), *UPPER)] = [position.covariance for position in positions]
+    ecef = whole[:, :3, :3] + np.transpose(np.triu(whole[:, :3, :3], 1), (0, 2, 1))
+    R_enu_ecef = enu_of_ecef(origin)
+    return np.asarray(R_enu_ecef @ ecef @ R_enu_ecef.T)
 
 
 def _arguments() -> argparse.Namespace:
@@ -89,8 +104,9 @@ def main() -> int:
             raise SkyfixError("no position came", where=str(OUTPUT), action="see the log there")
         first_ns = min(message.t_ns for message in source.messages(epoch=0))
         origin = (source.folder and source.folder.site.origin) or (0.0, 0.0, 0.0)
-        path = heard_path(heard, origin)
-        result = evaluate(path, read_truth(arguments.truth or arguments.source / "truth.csv"), arguments.align)
+        path, stated = heard_path(heard, origin)
+        truth = read_truth(arguments.truth or arguments.source / "truth.csv")
+        result = evaluate(path, truth, arguments.align, stated=stated)
     except SkyfixError as error:
         print(error, file=sys.stderr)
         return 1

@@ -70,12 +70,15 @@ def recordings(_: int) -> Iterator[Row]:
 
 
 def _scored(name: str, folder: Path) -> Iterator[Row]:
-    path, _ = read_trajectory(folder / "trajectory.csv")
+    path, stated, _ = read_trajectory(folder / "trajectory.csv")
     truth = read_truth(RECORDINGS / name / "truth.csv")
     for recording, alignment, what, asked in ASKED:
         if recording == name:
-            result = evaluate(path, truth, alignment, "rate")  # type: ignore[arg-type]
+            result = evaluate(path, truth, alignment, "rate", stated=stated)  # type: ignore[arg-type]
             yield f"{name}: {alignment}-aligned {what}", f"{asked:g} m", f"{getattr(result, what):.3f} m"
+            for part in result.consistency:
+                if "cameras" in part.over or part.over == "all":
+                    yield f"  error over sigma, {part.over}", "0.9 to 1.15", f"{part.error_over_sigma:.2f}"
     network = from_toml((folder / "network.toml").read_text(encoding="utf-8"))
     sites = {camera.id: camera.position_enu for camera in play_back(RECORDINGS / name).scene.cameras}
     surveyed = [(camera.centre_enu, sites[camera.id]) for camera in network.cameras]

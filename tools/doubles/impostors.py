@@ -16,10 +16,10 @@ from typing import Any, Final, NamedTuple
 import msgspec
 import numpy as np
 
+from calib.scoring.consistency import CHI2_3_999
 from calib.station.archive import recording
 from edge.messages import Tracks, camera_key, encode
 from tools.doubles.site import ROOT, Site, wait
-from tools.doubles.truth import CHI2_3_999
 
 VICTIM: Final = "cam1"
 HOUR_NS: Final = 3600 * 10**9

@@ -27,7 +27,10 @@ SINCE_2015_S: Final = 1_420_070_400  # UTC s at which signatures begin to count,
 
 
 class Position(NamedTuple):
-    """One TARGET_TRACK_ECEF as it arrived. received_ns: UTC; time_ns: of validity; age_ns: of the last measurement."""
+    """One TARGET_TRACK_ECEF as it arrived. received_ns: UTC; time_ns: of validity; age_ns: of the last measurement.
+
+    covariance: upper triangle of the 6 x 6, ECEF, row by row.
+    """
 
     received_ns: int
     time_ns: int
@@ -37,6 +40,7 @@ class Position(NamedTuple):
     state: int
     cameras: int
     epoch: int
+    covariance: tuple[float, ...]
 
 
 class Listener:
@@ -148,6 +152,7 @@ class Listener:
                     message.state,
                     message.camera_count,
                     message.epoch,
+                    tuple(message.cov),
                 )
             )
 

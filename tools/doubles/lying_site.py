@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from calib.errors import CalibrationError
+from calib.scoring.consistency import CHI2_3_999
 from calib.station.core.jobs import SolveJob, SolveResult
 from calib.station.core.outgoing import OutgoingTarget
 from calib.station.live_solver import LiveSolver
@@ -14,7 +15,6 @@ from tools.doubles.box_messages import messages
 from tools.doubles.core_station import station_for
 from tools.doubles.flight import T0_UNIX_NS, Scene, Spec, make
 from tools.doubles.liars import LIAR, Liar, Lie
-from tools.doubles.truth import CHI2_3_999
 
 FLIGHT_S: Final = 75.0
 SOLVED_AFTER_S: Final = 2.0  # of virtual time: what a solve takes on a laptop

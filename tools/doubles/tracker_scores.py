@@ -11,11 +11,11 @@ from typing import Final
 
 import numpy as np
 
+from calib.scoring.consistency import CHI2_3_999
 from calib.tracking.estimates import TargetEstimate, TargetState
 from calib.tracking.targets import Tracker
 from tools.doubles.flight import T0_UNIX_NS, Scene
 from tools.doubles.tracker_kinds import Kind, frames_of, hidden, scene_of
-from tools.doubles.truth import CHI2_3_999
 
 EVERY_S: Final = 0.1
 SETTLED_S: Final = 2.0

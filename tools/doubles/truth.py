@@ -11,14 +11,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from calib.geodesy import ecef_to_enu
+from calib.geodesy import Origin, ecef_to_enu
 from calib.station.core.outgoing import UPPER
 from tools.doubles.box import lap_of
 from tools.doubles.heard import Sent
 
 CHI2_3_MEDIAN: Final = 2.37
 CHI2_3_95: Final = 7.81
-CHI2_3_999: Final = 16.27
 LAP_SETTLES_S: Final = 5.0  # of each lap: there the objects jump back to where they began, and no tracker can know that
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -41,7 +40,7 @@ class Truth:
         self._paths = [np.loadtxt(f, delimiter=",", skiprows=1) for f in sorted((tracks / "truth").glob("*.csv"))]
         self._start_s = start_unix_s
         self._began_s, self._lap_s = (ns * 1e-9 for ns in lap_of(tracks))
-        self._turn = _enu_of_ecef(self._origin)
+        self._turn = enu_of_ecef(self._origin)
 
     def errors(self, sent: list[Sent]) -> list[Error]:
         """Of every confirmed target, to the nearest object; the first seconds of each lap are left out."""
@@ -64,7 +63,7 @@ class Truth:
         return float(np.linalg.norm(error)), float(error @ np.linalg.solve(turned, error))
 
 
-def _enu_of_ecef(origin: tuple[float, float, float]) -> Array:
+def enu_of_ecef(origin: Origin) -> Array:
     """(3, 3): turns ECEF vectors into ENU ones."""
     base = ecef_to_enu(np.zeros((1, 3)), origin)[0]
     return np.asarray(ecef_to_enu(np.eye(3), origin) - base, float).T

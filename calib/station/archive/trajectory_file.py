@@ -16,18 +16,19 @@ from edge.common.atomic import write_atomically
 
 TRAJECTORY_HEADER: Final = (
     "t_unix_ns,track,x_m,y_m,z_m,east_m,north_m,up_m,sigma_east_m,sigma_north_m,sigma_up_m,cameras,"
-    "lat_deg,lon_deg,height_m"
+    "lat_deg,lon_deg,height_m,cov_en_m2,cov_eu_m2,cov_nu_m2"
 )
 
 
 def write_trajectory(trajectory: Trajectory, origin: Origin, source: str, path: Path) -> None:
     """Write it, whole or not at all. source: what it was solved from."""
     ecef, geodetic = enu_to_ecef(trajectory.points_enu, origin), enu_to_geodetic(trajectory.points_enu, origin)
-    sigma = np.sqrt(np.einsum("nii->ni", trajectory.covariance_enu))
+    covariance = trajectory.covariance_enu
+    sigma, mixed = np.sqrt(np.einsum("nii->ni", covariance)), covariance[:, [0, 0, 1], [1, 2, 2]]
     rows = [
         f"{t},{track},{x:.4f},{y:.4f},{z:.4f},{e:.4f},{n:.4f},{u:.4f},{se:.4f},{sn:.4f},{su:.4f},{cameras},"
-        f"{lat:.9f},{lon:.9f},{height:.4f}"
-        for t, track, (x, y, z), (e, n, u), (se, sn, su), cameras, (lat, lon, height) in zip(
+        f"{lat:.9f},{lon:.9f},{height:.4f},{en:.3e},{eu:.3e},{nu:.3e}"
+        for t, track, (x, y, z), (e, n, u), (se, sn, su), cameras, (lat, lon, height), (en, eu, nu) in zip(
             trajectory.t_unix_ns.tolist(),
             trajectory.track.tolist(),
             ecef.tolist(),
@@ -35,6 +36,7 @@ def write_trajectory(trajectory: Trajectory, origin: Origin, source: str, path: 
             sigma.tolist(),
             trajectory.cameras.tolist(),
             geodetic.tolist(),
+            mixed.tolist(),
             strict=True,
         )
     ]

@@ -4,19 +4,23 @@ import argparse
 import dataclasses
 import json
 from pathlib import Path as FilePath
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.scoring.alignment import ALIGNMENTS
+from calib.scoring.consistency import Consistency, Stated
 from calib.scoring.timing import TIMINGS, Path
 from calib.scoring.trajectory import LONGEST_BRIDGED_S, Evaluation, evaluate
 from calib.station.archive import tables
+from calib.station.archive.flown_file import SIGMAS
 from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
 
 # Two tracks of one object may touch for a moment when one is handed over to the other; more is a second object.
-SHARED_SHARE = 0.1
+SHARED_SHARE: Final = 0.1
+COVARIANCES: Final = {"cov_en_m2": (0, 1), "cov_eu_m2": (0, 2), "cov_nu_m2": (1, 2)}
 
 
 def read_truth(path: FilePath) -> Path:
@@ -25,8 +29,8 @@ def read_truth(path: FilePath) -> Path:
     return _path(table.finite("t_s"), _positions(table))
 
 
-def read_trajectory(path: FilePath, track: int | None = None) -> tuple[Path, tuple[int, ...]]:
-    """The path of a trajectory.csv and the tracks it is made of.
+def read_trajectory(path: FilePath, track: int | None = None) -> tuple[Path, Stated | None, tuple[int, ...]]:
+    """The path of a trajectory.csv, what it states of its own errors, if it does, and the tracks it is made of.
 
     track: one track alone; None takes the longest, and every other that hardly overlaps those already taken.
     """
@@ -34,10 +38,26 @@ def read_trajectory(path: FilePath, track: int | None = None) -> tuple[Path, tup
     tracks = table.whole("track")
     stamps = table.whole("t_unix_ns")
     taken = (track,) if track is not None else _one_object(stamps, tracks)
-    rows = np.isin(tracks, taken)
-    if not rows.any():
+    rows = np.flatnonzero(np.isin(tracks, taken))
+    if not len(rows):
         raise SkyfixError(f"no rows of track {track}", where=str(path), action=f"it has {sorted(set(tracks))}")
-    return _path(np.asarray(stamps[rows] * 1e-9, float), _positions(table)[rows]), taken
+    _, first = np.unique(stamps[rows], return_index=True)
+    rows = rows[first]
+    stated = _stated(table)
+    estimate = Path(np.asarray(stamps[rows] * 1e-9, float), _positions(table)[rows])
+    return estimate, None if stated is None else stated.chosen(rows), taken
+
+
+def _stated(table: tables.CsvTable) -> Stated | None:
+    """What a trajectory says of its errors. One written before correlations were has none of them."""
+    if not {*SIGMAS, "cameras"} <= set(table.columns):
+        return None
+    sigma = np.column_stack([table.finite(name) for name in SIGMAS])
+    covariance = np.einsum("ni,ij->nij", sigma**2, np.eye(3))
+    for name, (i, j) in COVARIANCES.items():
+        if name in table.columns:
+            covariance[:, i, j] = covariance[:, j, i] = table.finite(name)
+    return Stated(covariance, table.whole("cameras"))
 
 
 def _one_object(stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> tuple[int, ...]:
@@ -85,7 +105,23 @@ def table(result: Evaluation) -> str:
         f"  R²              {result.r_squared:9.6f}",
         *(f"  {name:15s} {e:9.4f} {n:9.4f} {u:9.4f}{unit}  (east, north, up)" for name, (e, n, u), unit in axes),
     ]
-    return "\n".join(lines)
+    return "\n".join(lines + _honesty(result.consistency))
+
+
+def _honesty(parts: tuple[Consistency, ...]) -> list[str]:
+    """How true the stated sigma is, a line for each part of the rows; none where nothing was stated."""
+    if not parts:
+        return []
+    return [
+        "",
+        f"  {'against its own sigma':21s} {'rows':>6s} {'RMSE m':>8s} {'sigma m':>8s} {'error/sigma':>11s} "
+        f"{'NEES':>7s} {'beyond 99.9 %':>13s}   (true: 1.0, 3.0, 0.1 %)",
+        *(
+            f"  {part.over:21s} {part.rows:6d} {part.rmse_m:8.3f} {part.sigma_m:8.3f} {part.error_over_sigma:11.2f} "
+            f"{part.nees:7.2f} {part.beyond:13.1%}"
+            for part in parts
+        ),
+    ]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,8 +139,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, score, print. Raises SkyfixError if the files cannot be compared."""
-    estimate, tracks = read_trajectory(arguments.trajectory, arguments.track)
-    result = evaluate(estimate, read_truth(arguments.truth), arguments.align, arguments.time, arguments.max_gap)
+    estimate, stated, tracks = read_trajectory(arguments.trajectory, arguments.track)
+    truth = read_truth(arguments.truth)
+    result = evaluate(estimate, truth, arguments.align, arguments.time, arguments.max_gap, stated=stated)
     print(f"tracks {', '.join(map(str, tracks))}")
     print(table(result))
     if arguments.json:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from calib.geometry.rotation import rotation
 from calib.scoring.alignment import ALIGNMENTS, fit
+from calib.scoring.consistency import Stated
 from calib.scoring.timing import Path
 from calib.scoring.trajectory import evaluate
 from calib.station.app import main
@@ -76,6 +77,26 @@ def test_each_alignment_takes_away_its_own_freedom_and_no_more(alignment: str) -
         assert (rmse < 0.005) == (level <= hidden)
 
 
+@pytest.mark.parametrize("alignment", ["none", "yaw", "sim3"])
+def test_a_true_sigma_is_called_true_and_half_of_it_is_not(alignment: str) -> None:
+    """Errors drawn from covariances that point everywhere, in a frame that is turned against the truth's."""
+    rng, t_s = np.random.default_rng(5), np.arange(2000) * 0.1
+    roots = 0.1 * np.linalg.qr(rng.normal(size=(2000, 3, 3)))[0] * rng.uniform(0.5, 2.0, (2000, 1, 3))
+    errors = (roots @ rng.normal(size=(2000, 3, 1)))[:, :, 0]
+    R = rotation([0.0, 0.0, 0.4]) if alignment != "none" else np.eye(3)
+    estimate, truth = Path(t_s, flight(t_s) + errors), Path(t_s, flight(t_s) @ R.T)
+    for factor in (1.0, 0.25):
+        stated = Stated(factor * roots @ np.swapaxes(roots, 1, 2), np.repeat([2, 5], 1000))
+        result = evaluate(estimate, truth, alignment, "none", stated=stated)  # type: ignore[arg-type]
+        parts = {part.over: part for part in result.consistency}
+        # 2000 draws of three degrees of freedom: one sigma of their mean is 0.055; seven parameters were given away.
+        assert parts["all"].nees * factor == pytest.approx(3.0, abs=0.2)
+        assert parts["all"].error_over_sigma == pytest.approx(1 / np.sqrt(factor), rel=0.04)
+        assert parts["2 cameras"].rows == parts["5 cameras"].rows == 1000
+        assert parts["60 to 120 s"].rows == 600
+        assert (parts["all"].beyond < 0.005) == (factor == 1.0)
+
+
 def test_noise_is_reported_in_full() -> None:
     estimate, truth = paths(noise_m=0.5)
     result = evaluate(estimate, truth, "yaw", "rate")
@@ -132,7 +153,9 @@ def test_program_joins_the_pieces_of_one_object_and_leaves_out_the_other(
     write_truth(tmp_path / "truth.csv", truth)
     arguments = [str(tmp_path / "trajectory.csv"), str(tmp_path / "truth.csv"), "--json", str(tmp_path / "r.json")]
     assert main(["score", *arguments]) == 0
-    assert "tracks 2, 1" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "tracks 2, 1" in said
+    assert "3 cameras" in said
     result = json.loads((tmp_path / "r.json").read_text())
     assert result["rmse_m"] < 0.005
     assert main(["score", *arguments, "--track", "9"]) == 1
