@@ -134,13 +134,20 @@ class TrackingBase(Base):
     """A base that has the network of a scene (SPEC) and can be told what the scene's boxes see."""
 
     def __init__(
-        self, folder: Path, endpoints: Sequence[Mapping[str, Any]], *, passphrase: str = "", **mavlink: object
+        self,
+        folder: Path,
+        endpoints: Sequence[Mapping[str, Any]],
+        *,
+        passphrase: str = "",
+        spec: Spec = SPEC,
+        **mavlink: object,
     ) -> None:
         """endpoints: of base.toml, system id 1, as their operator's vehicle. passphrase: each signs with its key.
 
         mavlink: other keys of [mavlink].
         """
-        scene = make(SPEC)
+        self._spec = spec
+        scene = make(spec)
         signing = {"signing_key": "mavlink.key"} if passphrase else {}
         if passphrase:
             (folder / "mavlink.key").touch(0o600)
@@ -156,7 +163,7 @@ class TrackingBase(Base):
 
     @contextmanager
     def boxes(self) -> Iterator[Scene]:
-        """Boxes that say what the scene's cameras see, in real time, for up to two minutes."""
-        scene = make(SPEC)
+        """Boxes that say what the scene's cameras see, in real time, for as long as the scene (SPEC: two minutes)."""
+        scene = make(self._spec)
         with boxes(scene, self.zenoh):
             yield scene
