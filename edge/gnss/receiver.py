@@ -205,6 +205,8 @@ class Receiver(OwnThread):
                 metres = f"{math.hypot(*fix.sigma_m[:2]):.2f} m horizontal, {fix.sigma_m[2]:.2f} m vertical"
                 reason = f"{self._kept.reason}; its sigma covers both: {metres}; {heard(self._session)}"
                 status = replace(status, level="fail", reason=reason, action=WHAT_TO_DO)
+        elif surveyed and surveyed.settling:
+            self._kept_fix(surveyed)  # not said yet, but held against what comes
         with self._changed:
             if self._restart:
                 return

@@ -59,6 +59,11 @@ class Surveyed:
     latest: Position
     trusted_in_s: float | None = 0.0
 
+    @property
+    def settling(self) -> bool:
+        """Whether it is a good mean of an antenna that has not been at rest for long enough."""
+        return bool(self.trusted_in_s) and not self.mean.young
+
 
 @dataclass(frozen=True)
 class _Accepted:

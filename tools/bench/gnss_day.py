@@ -33,6 +33,7 @@ HOUR_S: Final = 3600
 PLACE: Final = Place()
 START: Final = dt.datetime(2026, 6, 1, 6, tzinfo=dt.UTC)
 LOOK_S: Final = 3  # between two looks at what is claimed
+WITNESSED_S: Final = 40  # at rest, with the seconds in which a receiver that was carried is found to be
 PAUSE_S: Final = 0.5
 WRONG_SIGMAS: Final = 4.0
 CAMERA: Final = "cam0"
@@ -145,8 +146,10 @@ def _carried_and_back(rng: np.random.Generator, at: int) -> Hour:
 
 
 def _carried_and_switched(rng: np.random.Generator, at: int) -> Hour:
+    """Half a minute after it arrived or later: of a base that is switched on the way nothing is a witness."""
     hour = _carried(rng, at)
-    hour.added_m[at + int(rng.integers(0, 900)) :] = _away(rng, 0.2, 5.0)
+    arrived = int(np.flatnonzero(np.any(np.diff(hour.truth_m, axis=0), axis=1))[-1]) + 1
+    hour.added_m[arrived + int(rng.integers(WITNESSED_S, 900)) :] = _away(rng, 0.2, 5.0)
     return hour
 
 

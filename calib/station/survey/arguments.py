@@ -66,7 +66,9 @@ def _add_rover(parser: argparse.ArgumentParser, *, one: bool) -> None:
     )
     parser.add_argument("--seconds", type=float, default=OCCUPATION_S, help=f"each time (default: {OCCUPATION_S:g})")
     parser.add_argument("--once", action="store_true", help="one occupation only: a false fix goes unseen")
-    parser.add_argument("--yes", action="store_true", help="accept what passes without asking")
+    parser.add_argument(
+        "--yes", action="store_true", help="accept what passes, and replace what contradicts it, without asking"
+    )
     parser.add_argument("--above-lens", type=float, help="metres from the lens up to the antenna")
     parser.add_argument("--measured-to", choices=POINTS, help="point of the antenna that is meant")
     parser.add_argument("--position-of", choices=POINTS, default="phase-centre", help="NMEA: phase-centre")

@@ -12,7 +12,7 @@ from calib.errors import CalibrationError
 from calib.station.inputs.input import PositionInput
 from calib.station.inputs.receiver import opened_receiver, receiver_settings
 from calib.station.survey import assessment, edit
-from calib.station.survey.call import SurveyCall, configured, keep, remarks
+from calib.station.survey.call import SurveyCall, configured, keep, not_replaced, remarks, replaced
 from calib.station.survey.derive import antenna_of
 from calib.station.survey.rover import occupy, wait_for_lost_fix
 from calib.station.survey.store import AntennaTable, OccupationTable, Survey
@@ -93,6 +93,8 @@ def _occupy_tripod(call: SurveyCall, receiver: PositionInput, antenna: AntennaTa
         second = _one_occupation(call, receiver, antenna, f"{camera}, second")
         survey = edit.add_occupation(survey, camera, second)
     print(assessment.describe(survey))
+    if not replaced(call, survey, camera):
+        raise not_replaced(camera)
     if not call.args.yes and not call.ask(f"accept {camera}? [y/N] ").strip().lower().startswith("y"):
         raise CalibrationError("rejected by the operator", where=f"camera {camera}", action="occupy it again")
     keep(call, survey)

@@ -13,7 +13,7 @@ import serial
 
 from edge.common.errors import ConfigError
 from edge.config import GnssConfig
-from edge.gnss.diagnosis import ReceiverState
+from edge.gnss.diagnosis import ReceiverState, Watch
 from edge.gnss.port import Fault, PortError, ReceiverPort, open_port
 from edge.gnss.receiver import HUNG_S, Receiver, check_antenna
 from tests.conftest import Until
@@ -286,6 +286,25 @@ def test_what_a_driver_that_hangs_said_last_is_not_said_for_ever(until: Until) -
     finally:
         hangs.clear()
         receiver.close()
+
+
+def test_a_base_that_is_switched_while_the_antenna_settles_is_remembered() -> None:
+    """Carried, three quarters of a minute at rest, and then the caster hands out another base: nothing was said yet."""
+    now = {"s": 0.0}
+    receiver = Receiver(GnssConfig(device="/dev/none"), monotonic_s=lambda: now["s"])
+    watch = Watch(0.0, 115200, 0)
+    start = dt.datetime.now(dt.UTC).replace(microsecond=0)
+    for second in range(60 + 30 + 45 + 700):
+        east_m = min(max(second - 60, 0), 30) * 0.5 + (1.3 if second >= 135 else 0.0)
+        for data, at_s in ((gga(start + dt.timedelta(seconds=second), PLACE, np.array([east_m, 0, 0])), 0), (b"", 0.5)):
+            now["s"] = second + at_s
+            if second % 5:
+                watch.last_snapshot_s = now["s"]  # a look every five seconds is enough
+            receiver._take(data, watch)
+    fix = receiver.fix()
+    assert fix is not None
+    assert fix.sigma_m[0] > 1.2
+    assert "one of the two is false" in receiver.status().reason
 
 
 def test_no_permission(tmp_path: Path) -> None:

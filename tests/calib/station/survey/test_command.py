@@ -195,6 +195,25 @@ def test_a_typed_position_that_contradicts_the_stored_one_asks(call: Callable[..
     assert enter(call, 11.5, "--yes", ask=lambda _: pytest.fail("asked")) == 0
 
 
+def test_an_occupation_that_contradicts_a_typed_position_asks(
+    rover: Rover, call: Callable[..., int], file: Path
+) -> None:
+    """Of a position that somebody typed and the rover's, 30 m apart, either may be the wrong one."""
+    height_m = PLACE.altitude_m + PLACE.separation_m - 0.2
+    typed = (PLACE.lat_deg + 30 / 111_200, PLACE.lon_deg, height_m)
+    call("enter", "cam1", *typed, "--sigma", 0.02, 0.02, 0.04)
+    stored = file.read_text()
+    once = ("occupy", "cam1", "--device", rover.device, "--seconds", "8", "--once", *ANTENNA)
+    operator = Operator("n")
+    with pytest.raises(CalibrationError, match="contradicts"):
+        call(*once, ask=operator)
+    assert "m beside and 0.000 m" in operator.asked[0]
+    assert file.read_text() == stored
+    assert call(*once, ask=Operator("y", "y")) == 0
+    (table,) = load_survey(file).camera
+    assert len(table.occupation) == 1
+
+
 def test_a_round_that_does_not_close_stays_with_its_points_until_they_are_settled(
     rover: Rover, call: Callable[..., int], file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
