@@ -49,6 +49,8 @@ REFUSED_NUMBERS: Final = {
 }
 FLOOD: Final = 60  # detections a frame, on average: more is a detector gone wild, not a sky full of objects
 
+Run = tuple[int | None, int | None]
+
 
 @dataclass
 class CameraIntake:
@@ -60,7 +62,7 @@ class CameraIntake:
     kept_fix: KeptFix = field(default_factory=KeptFix)
     taken_back: str = ""  # why its box no longer stands by its position; empty while it does
     fix_doubts: int = 0  # how often something spoke against a position
-    doubted_by_run: int | None = None  # the run of its box that doubted a position, until one stands by it again
+    doubted_by_run: Run | None = None  # the run of its box that doubted a position, until one stands by it again
     health: Health | None = None
     present: bool = False
     size_px: tuple[int, int] | None = None
@@ -107,9 +109,9 @@ class CameraIntake:
         self.taken_back = fix.why or fix.standing
 
     @property
-    def run(self) -> int:
-        """Which start of its box's program is heard, as far as it has said so."""
-        return max(self.health.epoch if self.health else 0, self.epoch or 0)
+    def run(self) -> Run:
+        """Which start of its box's program is heard: by its health and by its frames, of which either may be absent."""
+        return self.health.epoch if self.health else None, self.epoch
 
     @property
     def fix_doubt(self) -> str:

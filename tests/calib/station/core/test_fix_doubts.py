@@ -77,15 +77,18 @@ def say_run(station: Station, epoch: int) -> None:
     station.handle(camera_key(SITE, NAMES[0], "health"), encode(health), NOW_NS)
 
 
-@pytest.mark.parametrize("same_run", [True, False])
-def test_only_the_run_of_a_box_that_doubted_a_position_explains_another(same_run: bool) -> None:
-    """A base was switched, the box doubts, somebody restarts it: what it says then is its first word."""
+@pytest.mark.parametrize("run", [5, 6, 4])
+def test_only_the_run_of_a_box_that_doubted_a_position_explains_another(run: int) -> None:
+    """A base was switched, the box doubts, somebody restarts it: what it says then is its first word.
+
+    Its clock may have been set back meanwhile, which numbers its runs.
+    """
     station = calibrated()
-    say_run(station, 1)
+    say_run(station, 5)
     say(station, NAMES[0], doubted())
-    say_run(station, 1 if same_run else 2)
+    say_run(station, run)
     say(station, NAMES[0], north(first_fix(), 1.3))
-    assert (sigma_m(station) < 0.1) is same_run
+    assert (sigma_m(station) < 0.1) is (run == 5)
     assert sigma_m(station) < 0.1 or sigma_m(station) > 1.29
 
 
