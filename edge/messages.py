@@ -168,7 +168,10 @@ WireTargetState = Annotated[TargetState, newer_word("tentative")]
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
-    """One object's state in ECEF; `covariance` is the row-major upper triangle of the 6 x 6 of position, velocity."""
+    """One object's state in ECEF; `covariance` is the row-major upper triangle of the 6 x 6 of position, velocity.
+
+    verified: three cameras or more agree about it. Where two do, each of them alone decides how far away it is.
+    """
 
     track: Annotated[int, Meta(ge=0, le=2**32 - 1)]
     state: WireTargetState
@@ -177,6 +180,7 @@ class Target(msgspec.Struct, frozen=True, kw_only=True):
     covariance: Annotated[list[float], Meta(min_length=21, max_length=21)]
     cameras: list[str]
     age_s: Seconds
+    verified: bool = False
 
 
 class Targets(msgspec.Struct, frozen=True, kw_only=True):

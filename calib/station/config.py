@@ -130,7 +130,13 @@ class TrackingSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     )
     stale_s: Annotated[float, Meta(gt=0, le=60, description="without a frame for so long a camera is gone")] = 2.0
     min_cameras: Annotated[
-        int, Meta(ge=2, le=8, description="a target that fewer saw at its last update is marked DEGRADED")
+        int,
+        Meta(
+            ge=2,
+            le=8,
+            description="a target that fewer saw at its last update is marked DEGRADED; "
+            "3 marks all that one lying camera can put where it likes",
+        ),
     ] = 2
     max_speed_m_s: Annotated[float, Meta(gt=0, le=1000, description="a faster object does not become a target")] = (
         TRACKER.limits.max_speed_m_s

@@ -21,7 +21,10 @@ class TargetState(StrEnum):
 
 @dataclass(frozen=True)
 class TargetEstimate:
-    """Where a target is. covariance: (6, 6) of position and velocity, ENU. age_s: since its last measurement."""
+    """Where a target is. covariance: (6, 6) of position and velocity, ENU. age_s: since its last measurement.
+
+    denied_by: cameras that should see it, see other things, and do not see it.
+    """
 
     track: int
     state: TargetState
@@ -32,3 +35,4 @@ class TargetEstimate:
     cameras: tuple[str, ...]
     age_s: float
     quality: float
+    denied_by: tuple[str, ...] = ()

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from calib.tracking.denials import Denials
 from calib.tracking.estimates import TargetEstimate, TargetState
 from calib.tracking.filterbank import FilterBank
 from calib.tracking.options import TrackerOptions
@@ -20,10 +21,14 @@ COASTS_AFTER_S: Final = 0.5  # s without a measurement: several frames of the sl
 
 @dataclass(frozen=True)
 class NotUsed:
-    """What was not used: frames beyond the horizon, by camera, s late; targets too uncertain, the surest's sigma."""
+    """What was not used: frames beyond the horizon, by camera, s late; targets too uncertain, the surest's sigma.
+
+    contested: for a target that others speak against, who reports it and who should see it and does not.
+    """
 
     late_s: dict[str, float]
     too_uncertain_m: float | None
+    contested: tuple[tuple[str, ...], tuple[str, ...]] | None = None
 
 
 def spread(state: Array, covariance: Array, centres_enu: Array) -> tuple[Array, Array]:
@@ -37,14 +42,27 @@ def spread(state: Array, covariance: Array, centres_enu: Array) -> tuple[Array, 
 class TargetReports:
     """Estimates of the targets in a filter bank, by what their scores say of them."""
 
-    def __init__(self, bank: FilterBank, scores: TrackScores, options: TrackerOptions) -> None:
-        self._bank, self._scores, self._options = bank, scores, options
+    def __init__(self, bank: FilterBank, scores: TrackScores, options: TrackerOptions, denials: Denials) -> None:
+        self._bank, self._scores, self._options, self._denials = bank, scores, options, denials
         self._too_uncertain_m: float | None = None
 
     def too_uncertain(self) -> float | None:
         """The least sigma of what was kept back since this was asked last, m; None if nothing was."""
         least_m, self._too_uncertain_m = self._too_uncertain_m, None
         return least_m
+
+    def contested(self) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
+        """Of a target that cameras speak against: who sees it, and who should and does not; None if there is none."""
+        for k in np.nonzero(self._scores.confirmed & self._denials.against.any(axis=1))[0].tolist():
+            return self._names(self._scores.seen_by(k)), self._names(self._against(k))
+        return None
+
+    def _against(self, k: int) -> list[int]:
+        against: list[int] = np.nonzero(self._denials.against[k])[0].tolist()
+        return against
+
+    def _names(self, cameras: list[int]) -> tuple[str, ...]:
+        return tuple(self._bank.network.cameras[camera].id for camera in cameras)
 
     def farewell(self, k: int, now_s: float) -> TargetEstimate:
         """The last that is said of target k."""
@@ -90,7 +108,6 @@ class TargetReports:
             F = motion.transition(np.array([dt_s]))[0]
             surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_manoeuvre_factor[k]
             x, P, t_s = F @ x, F @ P @ F.T + surprise, t_s + dt_s
-        seen = self._scores.seen_by(k)
         return TargetEstimate(
             track=self._scores.track[k],
             state=state,
@@ -98,7 +115,8 @@ class TargetReports:
             position_enu=x[:3].copy(),
             velocity_enu=x[3:6].copy(),
             covariance=P[:6, :6].copy(),
-            cameras=tuple(self._bank.network.cameras[c].id for c in seen),
+            cameras=self._names(self._scores.seen_by(k)),
             age_s=max(0.0, t_s - float(self._scores.last_s[k])),
             quality=self._scores.quality(k),
+            denied_by=self._names(self._against(k)),
         )

@@ -20,6 +20,7 @@ from calib.observations import Frame
 from calib.sighting import CameraView, Sighting
 from calib.tracking.association import MISSED, Pairing, PossiblePairs, pair
 from calib.tracking.common_now import CommonNow
+from calib.tracking.denials import Denials
 from calib.tracking.estimates import TargetEstimate
 from calib.tracking.filterbank import FilterBank, Look, PredictedStates, Rays
 from calib.tracking.initiation import initiate
@@ -66,13 +67,14 @@ class Tracker:
         self._bank = FilterBank(with_bias(network), self._options.motion)
         self._scores = TrackScores(len(network.cameras))
         self._errors = PixelErrors(len(network.cameras))
+        self._denials = Denials(network.cameras)
         self._loose: deque[LooseRay] = deque(maxlen=LOOSE_RAYS)
         self._next_track = first_track
         self._common = CommonNow()
         self._lone = LoneTargets()
         self._numbering: dict[str, PictureNumbers] = {}
         self._lasting_px = np.zeros(len(network.cameras))
-        self._reports = TargetReports(self._bank, self._scores, self._options)
+        self._reports = TargetReports(self._bank, self._scores, self._options, self._denials)
         self._farewells: list[TargetEstimate] = []
         self._late_s: dict[str, float] = {}
         self._newest_s = -np.inf
@@ -116,6 +118,7 @@ class Tracker:
         self._lasting_px = self._errors.lasting_px
         self._bank.exchange(with_bias(network, self._lasting_px))
         self._scores.exchange(kept, shift_s)
+        self._denials.exchange(network.cameras, kept, shift_s)
         self._common.shift(shift_s)
         self._lone.shift(shift_s)
         for numbers in self._numbering.values():
@@ -200,7 +203,7 @@ class Tracker:
         again = self._follow_turns(scan, prediction, same & missed[:, None] & ~taken[None])
         taken[again.detection] = True
         missed[again.which] = False
-        self._scores.miss(number, np.nonzero(missed)[0], MISSED)
+        self._miss(scan, np.nonzero(missed)[0])
         return taken, [self._scores.track[k] for k in (*pairing.which, *again.which)]
 
     def _pair(
@@ -220,12 +223,19 @@ class Tracker:
         evidence = AssociationEvidence(scan.label[detection], pairing.gain - mahalanobis2 / 2, mahalanobis2)
         self._scores.hit(scan.number, which, scan.t_s, evidence)
 
+    def _miss(self, scan: "_Scan", which: NDArray[np.intp]) -> None:
+        self._scores.miss(scan.number, which, MISSED)
+        size_px = self.network.cameras[scan.number].lens.size_px
+        self._denials.miss(scan.number, which, scan.sighting.pixels[which], size_px, scan.t_s)
+
     def _learn(self, scan: "_Scan", pairing: Pairing, innovation_px: Array) -> None:
         """How wrong this camera's pixels are, by targets that are believed."""
         sure = self._scores.confirmed[pairing.which]
         which, detection = pairing.which[sure], pairing.detection[sure]
         if not len(which):
             return
+        size_px = self.network.cameras[scan.number].lens.size_px
+        self._denials.hit(scan.number, which, scan.rays.pixels[detection], size_px, scan.t_s)
         by_pose, at = scan.sighting.by_pose[which], pose_of(scan.number)
         by_pose_px2 = np.einsum("kij,jl,kil->k", by_pose, self._told.covariance[at, at], by_pose) / 2
         claimed_px2 = scan.rays.sigma_px[detection] ** 2 / self._errors.white[scan.number]
@@ -262,6 +272,7 @@ class Tracker:
         self._initiate_tracks(min(now_s, self._common.now_s))
         for k in self._scores.confirm():
             self._continue_lone(k)
+        self._denials.weigh(self._bank.state[:, :3], self._scores.watched_by(now_s), now_s)
         self._scores.hold_back_unseen(now_s)
         self._allow_for_what_stays()
         return self._delete_tracks(now_s)
@@ -291,6 +302,7 @@ class Tracker:
         self._bank.add(new.state, new.covariance, new.with_poses, new.t_s)
         self._scores.add(self._next_track, new.t_s, new.seen_by)
         self._errors.add()
+        self._denials.add()
         self._next_track += 1
         self.counters["born"] += 1
 
@@ -306,6 +318,9 @@ class Tracker:
         confirmed = self._scores.confirmed
         deleted = silent_s > np.where(confirmed, self._options.coast_s, TENTATIVE_S)
         deleted |= self._scores.denied | self._too_fast() | twins(self._bank, self._scores)
+        outvoted = confirmed & self._denials.outvoted(self._scores.watched_by(now_s))
+        self.counters["outvoted"] += int(np.count_nonzero(outvoted & ~deleted))
+        deleted |= outvoted
         sigma_m, range_m = spread(self._bank.state, self._bank.covariance, self.network.centres_enu)
         alone = confirmed & ~deleted & (sigma_m > self._options.most_sigma_m(range_m))
         alone &= self._scores.watching(now_s) == 1
@@ -340,6 +355,7 @@ class Tracker:
         if number is None:
             return []
         lost = self._lone.end(np.inf, camera_id)
+        self._denials.forget(number)
         if not len(self._bank):
             return lost
         seen = self._scores.seen_lately(number)
@@ -361,12 +377,13 @@ class Tracker:
         self._bank.keep(~ended)
         self._scores.keep(~ended)
         self._errors.keep(~ended)
+        self._denials.keep(~ended)
         return lost
 
     def refused(self) -> NotUsed:
         """What was not used, and why, since this was asked last."""
         late_s, self._late_s = self._late_s, {}
-        return NotUsed(late_s, self._reports.too_uncertain())
+        return NotUsed(late_s, self._reports.too_uncertain(), self._reports.contested())
 
     def estimates(self, now_s: float, tracks: set[int] | None = None) -> list[TargetEstimate]:
         """All targets that are confirmed (or those of `tracks`), each at the time of its last measurement."""

@@ -174,8 +174,13 @@ class TrackScores:
 
     def watching(self, t_s: float) -> NDArray[np.intp]:
         """How many cameras have lately seen each target (N,)."""
-        count: NDArray[np.intp] = np.count_nonzero(self._seen_s > t_s - SEEN_LATELY_S, axis=1)
+        count: NDArray[np.intp] = np.count_nonzero(self.watched_by(t_s), axis=1)
         return count
+
+    def watched_by(self, t_s: float) -> NDArray[np.bool_]:
+        """(N, C) which cameras have lately seen each target."""
+        lately: NDArray[np.bool_] = self._seen_s > t_s - SEEN_LATELY_S
+        return lately
 
     def seen_by(self, target: int, t_s: float | None = None) -> list[int]:
         """Cameras that lately contributed to a target, as of t_s or else its last measurement."""

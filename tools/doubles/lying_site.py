@@ -1,6 +1,6 @@
 """A site with one camera that lies, in virtual time and with the real solver: what is sent, and who is named."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -31,7 +31,7 @@ class Outcome:
     errors_m: list[float]
     sigmas_m: list[float]
     nees: list[float]
-    degraded: int = 0
+    whole: list[float] = field(default_factory=list)  # those of nees that were sent without a mark
     named: dict[str, float] | None = None  # camera: seconds of the lie
     said: str = ""  # how the station stood at the end
 
@@ -39,6 +39,11 @@ class Outcome:
     def beyond(self) -> float:
         """Share of positions that lie outside what they claim."""
         return float(np.mean(np.array(self.nees) > CHI2_3_999)) if self.nees else 0.0
+
+    @property
+    def beyond_whole(self) -> float:
+        """The same of what was sent as whole: verified by three cameras, and not degraded."""
+        return float(np.mean(np.array(self.whole) > CHI2_3_999)) if self.whole else 0.0
 
     @property
     def innocents(self) -> list[str]:
@@ -100,4 +105,5 @@ class _Site:
         self._out.errors_m.append(float(np.linalg.norm(error)))
         self._out.sigmas_m.append(float(np.sqrt(np.trace(target.position_covariance_enu))))
         self._out.nees.append(float(error @ np.linalg.solve(target.position_covariance_enu, error)))
-        self._out.degraded += target.degraded
+        if target.verified and not target.degraded:
+            self._out.whole.append(self._out.nees[-1])

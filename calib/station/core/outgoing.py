@@ -22,6 +22,7 @@ from edge.common.arrays import Array
 from edge.messages import Target
 
 UPPER: Final = np.triu_indices(6)
+VERIFYING_CAMERAS: Final = 3  # two rays cross somewhere whatever one of them is; a third one has to meet them
 FARTHEST_M: Final = 100_000.0  # from the site's origin: nothing optical sees farther
 
 
@@ -44,6 +45,7 @@ class OutgoingTarget:
     quality: float
     sigma_m: float
     degraded: bool
+    verified: bool  # three cameras or more agree: no single one decides its range
 
     def message(self) -> Target:
         """As it goes out over Zenoh."""
@@ -57,6 +59,7 @@ class OutgoingTarget:
             covariance=self.covariance[UPPER].tolist(),
             cameras=list(self.cameras),
             age_s=self.age_s,
+            verified=self.verified,
         )
 
 
@@ -130,5 +133,10 @@ class TargetExport:
             age_s=e.age_s,
             quality=e.quality,
             sigma_m=float(np.hypot(sigma_m, self._frame_m)),
-            degraded=len(e.cameras) < self._min_cameras or e.state is not TargetState.CONFIRMED,
+            degraded=self._degraded(e),
+            verified=len(e.cameras) >= VERIFYING_CAMERAS and e.state is TargetState.CONFIRMED,
         )
+
+    def _degraded(self, e: TargetEstimate) -> bool:
+        contested = bool(e.denied_by) and len(e.cameras) < VERIFYING_CAMERAS
+        return len(e.cameras) < self._min_cameras or contested or e.state is not TargetState.CONFIRMED

@@ -1,4 +1,5 @@
-"""What the tracker did not use, in words for the operator: frames that came too late, objects too uncertain to be sent.
+"""What the tracker did not use, in words for the operator: frames that came too late, objects too uncertain to be sent;
+and what it uses though a camera speaks against it.
 
 The hazard is the silent cap. A camera whose every frame comes after the horizon adds nothing and looks healthy, and an
 object beyond what a short base can measure is simply never there.
@@ -10,8 +11,9 @@ from edge.common.health import Check
 
 
 def unused(refused: NotUsed, options: TrackerOptions) -> list[Check]:
-    """One check for each camera that is late, and one for objects that are too uncertain."""
+    """One check for each camera that is late, one for objects that are too uncertain, one for a contested one."""
     checks = [_late(camera, late_s, options) for camera, late_s in sorted(refused.late_s.items())]
+    checks += [] if refused.contested is None else [_contested(*refused.contested)]
     return checks if refused.too_uncertain_m is None else [*checks, _uncertain(refused.too_uncertain_m, options)]
 
 
@@ -32,4 +34,14 @@ def _uncertain(sigma_m: float, options: TrackerOptions) -> Check:
         f"an object is seen and not sent: its position is uncertain by {sigma_m:.0f} m or more, and"
         f" {options.max_sigma_share:.0%} of its range are allowed, {options.max_sigma_m:g} m at most",
         "set cameras farther apart, or raise tracking.max_sigma_share and tracking.max_sigma_m",
+    )
+
+
+def _contested(seen_by: tuple[str, ...], denied_by: tuple[str, ...]) -> Check:
+    do_not = "do not" if len(denied_by) > 1 else "does not"
+    return Check(
+        "witnesses",
+        "warn",
+        f"{' and '.join(denied_by)} should see an object that {' and '.join(seen_by)} report, and {do_not}",
+        "compare their pictures: a mask, a tree, the sun, or a box that reports what is not there",
     )

@@ -185,6 +185,7 @@ def target_rows(message: Targets, origin: Origin) -> list[dict[str, Any]]:
                 "spread": [float(f"{v:.4g}") for v in spread[np.triu_indices(3)]],
                 "cameras": target.cameras,
                 "age_s": target.age_s,
+                "verified": target.verified,
             }
         )
     return rows

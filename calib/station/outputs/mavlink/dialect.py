@@ -384,11 +384,13 @@ enums["TRACK_FLAGS"][2] = EnumEntry("TRACK_FLAGS_COV_VALID", """cov is valid."""
 TRACK_FLAGS_TIME_SYNCED = 4
 enums["TRACK_FLAGS"][4] = EnumEntry("TRACK_FLAGS_TIME_SYNCED", """time_usec is from a clock synchronised to UTC.""")
 TRACK_FLAGS_DEGRADED = 8
-enums["TRACK_FLAGS"][8] = EnumEntry("TRACK_FLAGS_DEGRADED", """Geometry or camera count below the configured minimum.""")
+enums["TRACK_FLAGS"][8] = EnumEntry("TRACK_FLAGS_DEGRADED", """Geometry or camera count below the configured minimum, or a camera that should see it does not.""")
 TRACK_FLAGS_SIMULATED = 16
 enums["TRACK_FLAGS"][16] = EnumEntry("TRACK_FLAGS_SIMULATED", """Simulated or replayed data.""")
-TRACK_FLAGS_ENUM_END = 17
-enums["TRACK_FLAGS"][17] = EnumEntry("TRACK_FLAGS_ENUM_END", """""")
+TRACK_FLAGS_UNVERIFIED = 32
+enums["TRACK_FLAGS"][32] = EnumEntry("TRACK_FLAGS_UNVERIFIED", """Fewer than three cameras agree about it: each of them alone decides how far away it is.""")
+TRACK_FLAGS_ENUM_END = 33
+enums["TRACK_FLAGS"][33] = EnumEntry("TRACK_FLAGS_ENUM_END", """""")
 
 # MAV_CMD
 enums["MAV_CMD"] = Enum()

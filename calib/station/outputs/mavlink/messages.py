@@ -85,6 +85,7 @@ def target_track_ecef(
     flags = dialect.TRACK_FLAGS_VELOCITY_VALID | dialect.TRACK_FLAGS_COV_VALID
     flags |= dialect.TRACK_FLAGS_TIME_SYNCED if synced else 0
     flags |= dialect.TRACK_FLAGS_DEGRADED if target.degraded else 0
+    flags |= 0 if target.verified else dialect.TRACK_FLAGS_UNVERIFIED
     flags |= dialect.TRACK_FLAGS_SIMULATED if context.simulated else 0
     return dialect.MAVLink_target_track_ecef_message(
         time_usec=target.t_unix_ns // 1000,

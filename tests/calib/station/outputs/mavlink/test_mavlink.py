@@ -50,6 +50,15 @@ def target(**changes: object) -> OutgoingTarget:
     return sent[0]
 
 
+def test_three_cameras_verify_a_range_and_a_contested_one_is_degraded() -> None:
+    three, coasting = ("cam0", "cam1", "cam2"), TargetState.COASTING
+    assert (target(cameras=three).verified, target().verified) == (True, False)
+    assert not target(cameras=three, state=coasting).verified, "nobody sees it now"
+    assert (target().degraded, target(denied_by=("cam1",)).degraded) == (False, True)
+    assert not target(cameras=three, denied_by=("cam3",)).degraded, "of three that agree two are honest"
+    assert target(cameras=three).message().verified
+
+
 def port(*, key: bytes | None = None, streams: Streams | None = None, **section: object) -> MavlinkPort:
     """An endpoint with both profiles."""
     endpoint = EndpointSection(url="udp:127.0.0.1:1", profile=["gcs", "ecef"], **section)  # type: ignore[arg-type]
@@ -81,7 +90,7 @@ def test_target_track_is_in_ecef_with_its_covariance_and_own_component() -> None
     assert message.cov[0] + message.cov[6] + message.cov[11] == pytest.approx(0.06, rel=1e-6)  # turning keeps the trace
     assert (message.time_usec, message.track_id, message.epoch) == (1_800_000_000_123_456, 1, 7)
     assert (message.camera_mask, message.camera_count, message.meas_age) == (0b101, 2, 250)
-    assert message.flags == 1 | 2 | 4
+    assert message.flags == 1 | 2 | 4 | 32, "two cameras alone: its range is unverified"
 
 
 def test_adsb_height_is_above_sea_level() -> None:
