@@ -13,6 +13,7 @@ from typing import Final
 import msgspec
 
 from calib.network import Network, to_toml
+from calib.station.archive.state_lock import StateLock
 from calib.station.archive.state_store import REPORT_FOLDER, StateStore
 from calib.station.archive.station_recording import StationRecording
 from calib.station.arrival_clock import ArrivalClock
@@ -60,6 +61,7 @@ class Runner:
         self._signing_ticks = 0
         self._in_force: Network | None = None
         cameras = with_survey(config, folder)
+        stack.enter_context(StateLock(state_folder))
         self.keeper = stack.enter_context(StateStore(state_folder))
         state = self.keeper.load(set(cameras))
         self.epoch = state.epoch

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from edge.messages import SpooledEpoch
 
+SPOOL_MODE: Final = 0o640  # of a file that is made: what a camera saw is not everybody's business
 BUSY_TIMEOUT_S: Final = 2.0  # nobody else should have the file open; a backup tool may, briefly
 
 _SCHEMA: Final = """
@@ -102,6 +103,7 @@ def _open(path: Path) -> sqlite3.Connection:
 
 
 def _connect(path: Path) -> sqlite3.Connection:
+    path.touch(SPOOL_MODE)
     file = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S)
     try:
         file.execute("PRAGMA journal_mode = WAL")

@@ -42,6 +42,7 @@ def compress(path: Path) -> None:
         _rewrite(path, part)
         if _digest(part) != _digest(path):
             raise RecordingError("was not compressed truly", where=str(path), action="look at the disk; it is kept")
+        part.chmod(path.stat().st_mode & 0o777)
         os.utime(part, ns=(path.stat().st_atime_ns, path.stat().st_mtime_ns))
         part.replace(path)
     finally:

@@ -19,11 +19,12 @@ from typing import Final
 
 import msgspec
 from mcap.exceptions import McapError
-from mcap.records import Channel, McapRecord, Message
+from mcap.records import Channel, Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 from zstandard import ZstdError
 
+from calib.station.archive.chunks import records_of
 from calib.station.core.playback import Recorded
 from edge import __version__
 from edge.common.errors import RecordingError
@@ -49,6 +50,7 @@ BROKEN: Final = (
 CHECK_DISK_NS: Final = 5_000_000_000
 STATE_TOPICS: Final = ("survey", "lens", "fix", "calibration")  # said once and holding on: each file begins with them
 FREE_JSON: Final = b'{"type": "object"}'
+RECORDING_MODE: Final = 0o640  # of a file: whose cameras stand where is not everybody's business
 MOST_KEYS: Final = 1000  # of one file, far beyond any site; the format itself counts to 65535, and each takes 2 kB
 
 
@@ -79,7 +81,7 @@ class _Unbuffered:
     """
 
     def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, RECORDING_MODE)
         self._at = 0
         self._syncer = _Syncer(self._descriptor).__enter__()
 
@@ -243,7 +245,9 @@ def read(path: Path) -> Iterator[Recorded]:
 
 
 def records(path: Path) -> Iterator[McapRecord]:
-    """What a file is made of, chunks taken apart, up to its end or to where it breaks off. Raises RecordingError."""
+    """What a file is made of, chunks taken apart, up to its end or to where it breaks off. Raises RecordingError, also
+    where a chunk unpacks to more than any recorder writes.
+    """
     try:
         stream = path.open("rb")
     except OSError as error:
@@ -251,9 +255,11 @@ def records(path: Path) -> Iterator[McapRecord]:
     some = False
     with stream:
         try:
-            for record in StreamReader(stream, record_size_limit=LONGEST_RECORD, validate_crcs=True).records:
-                some = some or isinstance(record, Channel)
-                yield record
+            reader = StreamReader(stream, emit_chunks=True, record_size_limit=LONGEST_RECORD, validate_crcs=True)
+            for whole in reader.records:
+                for record in records_of(whole, str(path)) if isinstance(whole, Chunk) else (whole,):
+                    some = some or isinstance(record, Channel)
+                    yield record
         except BROKEN as error:
             if not some and stream.tell() > 0 and not _begins_like_mcap(path):
                 raise RecordingError(

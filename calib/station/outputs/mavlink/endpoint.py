@@ -7,6 +7,7 @@ kept for the operator, a client that does not read is dropped, and what is diall
 
 import contextlib
 import errno
+import ipaddress
 import os
 import socket
 import termios
@@ -77,6 +78,8 @@ class UdpEndpoint(Endpoint):
         # A broadcast is asked for by whoever writes such an address.
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._socket.setblocking(False)
+        if ipaddress.ip_address(address[0]).is_loopback:
+            self._socket.bind((address[0], 0))  # who sends to this machine alone hears this machine alone
 
     def send(self, frames: list[bytes], now_ns: int) -> None:
         """A datagram a frame."""

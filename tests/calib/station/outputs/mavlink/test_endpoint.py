@@ -57,6 +57,14 @@ def test_udp_sends_a_frame_a_datagram_and_hears_the_answer(until: Until) -> None
         assert endpoint.errors == 0
 
 
+@pytest.mark.parametrize(("host", "bound"), [("127.0.0.1", "127.0.0.1"), ("localhost", "127.0.0.1"), ("[::1]", "::1")])
+def test_what_sends_to_this_machine_hears_only_this_machine(host: str, bound: str) -> None:
+    endpoint = open_endpoint(f"udp:{host}:14999")
+    endpoint.send([b"x"], 0)
+    assert endpoint._socket.getsockname()[0] == bound  # type: ignore[attr-defined]
+    endpoint.close()
+
+
 def test_udp_counts_what_can_t_be_sent_and_goes_on() -> None:
     with udp_ear() as ear, opened(f"udp:127.0.0.1:{ear.port}") as endpoint:
         endpoint.send([b"x" * 70_000, *FRAMES], 0)  # longer than a datagram can be
