@@ -8,7 +8,7 @@ beside pose and clock, with a prior, so that a hundred rows of one object are wo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -23,6 +23,7 @@ FAULT_SIZE: Final = POSE_SIZE + 1  # rotation vector, centre, clock (s, later)
 UNKNOWNS: Final = FAULT_SIZE + 2  # and the offset in the image, px
 TOUCHES: Final = 2  # of the tangent: witnesses' middle of two rays is not the best point yet
 DEVIANT: Final = 4.0  # sigma from its slice's median, beyond which an instant counts less
+SMALLEST_SHARE: Final = 1e-9  # of the largest eigenvalue: less is rounding
 FREE_POINT_M2: Final = 1e-8  # 1 / m^2: a point may be anywhere, and two rays alone must not make it singular
 
 
@@ -171,3 +172,35 @@ def _spread_px2(left: Array, off: Array, weight: Array) -> float:
     degrees = max(2 * count - 3, 1)
     a_weight = float(weight.sum(axis=1).mean())
     return max(against / degrees - 1.0, 0.0) / max(a_weight, 1e-12)
+
+
+def without_camera(found: ObjectEvidence, camera: int) -> ObjectEvidence | None:
+    """The same without one camera (its number in the network): whatever it was off by. None if fewer than two are left.
+
+    All of its unknowns are eliminated without a prior (Schur complement), so that its rays tie nothing together.
+    """
+    kept = np.nonzero(found.cameras != camera)[0]
+    if len(kept) == len(found.cameras):
+        return found
+    if len(kept) < 2:
+        return None
+    count = len(kept)
+    (gone,) = np.nonzero(found.cameras == camera)[0]
+    inner, right = found.normal[gone, :, gone, :], found.right[gone]
+    coupled = found.normal[kept][:, :, gone, :].reshape(count * UNKNOWNS, UNKNOWNS)
+    inverse = np.linalg.pinv(inner, rcond=SMALLEST_SHARE, hermitian=True)
+    normal = found.normal[kept][:, :, kept].reshape(count * UNKNOWNS, count * UNKNOWNS)
+    return replace(
+        found,
+        cameras=found.cameras[kept],
+        keys=tuple(found.keys[k] for k in kept),
+        agree=tuple(found.agree[k] for k in kept),
+        normal=(normal - coupled @ inverse @ coupled.T).reshape(count, UNKNOWNS, count, UNKNOWNS),
+        right=(found.right[kept].ravel() - coupled @ inverse @ right).reshape(count, UNKNOWNS),
+        squares=max(found.squares - float(right @ inverse @ right), 0.0),
+        freedom=max(found.freedom - int(np.linalg.matrix_rank(inner, SMALLEST_SHARE * np.abs(inner).max(), True)), 0),
+        lasting_px=found.lasting_px[kept],
+        width_px=found.width_px[kept],
+        turned_px2=found.turned_px2[kept],
+        speed_px_s=found.speed_px_s[kept],
+    )

@@ -7,7 +7,7 @@ number tells that they are its slices. An object keeps its number here as long a
 from collections import Counter, deque
 from dataclasses import dataclass
 
-from calib.guarding.evidence import ObjectEvidence
+from calib.guarding.evidence import ObjectEvidence, without_camera
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,13 @@ class EvidenceMemory:
         """Forget all."""
         self._slices.clear()
         self._number.clear()
+
+    def without(self, camera: int) -> None:
+        """Forget what one camera (its number in the network) showed; what the others showed stays."""
+        for at, one in enumerate(self._slices):
+            left = ((number, without_camera(found, camera)) for number, found in one.objects)
+            kept = tuple((number, found) for number, found in left if found is not None)
+            self._slices[at] = Slice(one.t_unix_ns, kept)
 
     def add(self, t_unix_ns: int, found: list[ObjectEvidence]) -> list[Slice]:
         """Take a slice; returns those that the longest window no longer holds."""

@@ -116,12 +116,17 @@ class Guard:
         self.residual_mrad.clear()
 
     def ignore(self, camera: str) -> None:
-        """This camera has been left out; it is neither a witness nor compared."""
+        """This camera has been left out; it is neither a witness nor compared. What the others showed stays."""
+        if camera in self._ignored:
+            return
         self._ignored.add(camera)
-        self._begin_anew()
+        self._round = None
+        self._suspected.clear()
+        if self._network is not None and camera in self._views:
+            self._memory.without([one.id for one in self._network.cameras].index(camera))
 
     def _begin_anew(self) -> None:
-        """Evidence with a camera that is left out in it says nothing of the others."""
+        """Nothing that was seen until now says anything of what comes."""
         self._round = None
         self._memory.clear()
         self._wander.clear()

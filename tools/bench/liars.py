@@ -4,7 +4,8 @@
 
 Each scene is a site that calibrates itself with the real solver, in virtual time, and one lie (tools/doubles/liars.py).
 "beyond" is the share of positions outside the 99.9 % ellipsoid that is sent with them, from five seconds of the lie on;
-of an honest site it is one in a thousand. Exit code 1 if somebody honest was named.
+of an honest site it is one in a thousand. "whole": the same of what was sent without a mark, three cameras or more
+agreeing about it. Exit code 1 if somebody honest was named.
 """
 
 import argparse
@@ -29,7 +30,8 @@ def _one(case: tuple[int, int, int]) -> Outcome:
 
 def table(outcomes: Iterable[Outcome]) -> Iterable[str]:
     """One row a lie and number of cameras, over all seeds."""
-    yield f"{'lie':40} {'cams':>4} {'sent':>6} {'error m':>8} {'sigma m':>8} {'beyond':>7}  named after s; at the end"
+    head = f"{'lie':40} {'cams':>4} {'sent':>6} {'error m':>8} {'sigma m':>8} {'beyond':>7} {'whole':>7}"
+    yield f"{head}  named after s; at the end"
     groups: dict[tuple[str, int], list[Outcome]] = {}
     for one in outcomes:
         groups.setdefault((one.lie, one.cameras), []).append(one)
@@ -43,7 +45,9 @@ def table(outcomes: Iterable[Outcome]) -> Iterable[str]:
         median = (
             f"{np.median(errors):8.2f} {np.median(sigmas):8.2f} {np.mean(nees > CHI2_3_999):7.1%}" if errors else ""
         )
-        yield f"{lie:40} {cameras:4} {len(errors):6} {median:>25}  {named or '-'}; {own[-1].said[:80]}"
+        whole = np.array([nees for one in own for nees in one.whole])
+        marked = f"{np.mean(whole > CHI2_3_999):7.1%}" if len(whole) else ""
+        yield f"{lie:40} {cameras:4} {len(errors):6} {median:>25} {marked:>7}  {named or '-'}; {own[-1].said[:80]}"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -69,7 +73,11 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"beyond, worst: {worst.beyond:.1%} ({worst.lie}, {worst.cameras} cameras, seed {worst.seed}); asked < 1 %")
     for cameras in options.cameras:
         nees = np.array([nees for one in outcomes if one.cameras == cameras for nees in one.nees])
-        print(f"beyond, all lies, {cameras} cameras: {np.mean(nees > CHI2_3_999):.2%} of {len(nees)}")
+        whole = np.array([nees for one in outcomes if one.cameras == cameras for nees in one.whole])
+        print(
+            f"beyond, all lies, {cameras} cameras: {np.mean(nees > CHI2_3_999):.2%} of {len(nees)}, "
+            f"of what is sent as whole {np.mean(whole > CHI2_3_999):.2%} of {len(whole)}"
+        )
     print(
         f"honest cameras named: {len(innocents)} scenes {[(one.lie, one.cameras, one.innocents) for one in innocents]}"
     )

@@ -75,6 +75,7 @@ class Calibration:
     _clocks_known: bool = False
     _before: Network | None = None  # the one that was dropped last
     _asked: bool = False
+    _changed: set[str] = field(default_factory=set)  # cameras that are another one since the job began
 
     # What has been seen
 
@@ -107,6 +108,7 @@ class Calibration:
         if len(surveyed) < MIN_CAMERAS or not self._due(joined, shared_s, now_unix_ns):
             return None
         self._tried_shared_s, self._tried_unix_ns, self._asked = shared_s, now_unix_ns, False
+        self._changed.clear()
         self._jobs += 1
         chosen = tuple(sites[camera] for camera in self.cameras if camera in joined)
         self._clocks_known = bool(trusted_clocks({camera.id: camera for camera in chosen}))
@@ -148,7 +150,9 @@ class Calibration:
         self._failure, self._failure_action = self._not_good_enough(done.solved)
         if self._failure:
             return None
-        network, before = done.solved.network, self.network or self._before
+        network, before = self._unchanged(done.solved.network), self.network or self._before
+        if network is None:
+            return None
         if before is not None and not self._clocks_known:
             network = in_time_of(network, before, self._tried_unix_ns)
         self.network, self.report = network, done.solved
@@ -156,6 +160,13 @@ class Calibration:
         self.suspects = {camera: why for camera, why in self.suspects.items() if camera not in solved}
         self.contradiction = ""
         return self.network
+
+    def _unchanged(self, network: Network) -> Network | None:
+        """Without cameras that are no longer what was solved; None if too few are left."""
+        left = set(network.ids - self._changed)
+        if left == network.ids:
+            return network
+        return reduced(network, left) if len(left) >= MIN_CAMERAS else None
 
     def _not_good_enough(self, solved: Solved) -> tuple[str, str]:
         """Why a solution is not taken and what to do; empty if it is."""
@@ -179,9 +190,17 @@ class Calibration:
         self._took_s, self._tried_shared_s = done.seconds, 0
 
     def suspect(self, camera: str, why: str) -> None:
-        """Leave a camera out until it has been calibrated again."""
+        """Leave a camera out that was off for a while, until it has been calibrated again."""
         self.suspects[camera] = why
         self._jobs += 1  # a solve under way has seen it before and after: its answer is not wanted
+        self._tried_shared_s = 0
+
+    def changed(self, camera: str, why: str) -> None:
+        """Leave a camera out that is another one from now on. A solve under way knows only the old one: it goes on."""
+        self._changed.add(camera)
+        if self.network is None or self.network.camera(camera) is None or camera in self.suspects:
+            return  # as often as it says so, what the others do is not begun anew
+        self.suspects[camera] = why
         self._tried_shared_s = 0
 
     def contradict(self, why: str) -> None:

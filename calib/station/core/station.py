@@ -142,7 +142,7 @@ class Station:
     def _frame(self, camera: CameraIntake, payload: bytes, now_ns: int) -> list[OutgoingTarget]:
         frame = self.intake.frame(camera, payload, now_ns)
         if camera.clock_sets != self._clock_sets[camera.id]:
-            self._clock_was_set(camera, now_ns)
+            self._clock_was_set(camera)
         if frame is None:
             return []
         if camera.id not in self.muted:
@@ -175,8 +175,7 @@ class Station:
 
     def _lens_changed(self, camera: CameraIntake) -> None:
         self.window.cameras[camera.id].clear()  # pixels of two lenses never go into one adjustment
-        if self.calibration.network is not None and self.calibration.network.camera(camera.id) is not None:
-            self._leave_out(camera.id, "its lens file was exchanged", None)
+        self._changed(camera.id, "its lens file was exchanged")
 
     # What the solver brings
 
@@ -307,20 +306,21 @@ class Station:
         tracker = self.tracker
         return [] if tracker is None else self._export.to_wgs84(tracker.dismiss(), tracker.network.origin)
 
-    def _clock_was_set(self, camera: CameraIntake, now_ns: int) -> None:
+    def _clock_was_set(self, camera: CameraIntake) -> None:
         """A box whose clock was set has two stretches of time; only the new one counts."""
         self._clock_sets[camera.id] = camera.clock_sets
         self.window.cameras[camera.id].clear()
-        if camera.id in self.calibration.trusted:
-            self._leave_out(camera.id, "its clock was set", self.now_unix_ns(now_ns))
+        self._changed(camera.id, "its clock was set")
 
-    def _leave_out(self, camera: str, why: str, since_unix_ns: int | None) -> None:
+    def _changed(self, camera: str, why: str) -> None:
+        """A camera is another one from now on, by its own word; what the others show and solve goes on."""
+        self.calibration.changed(camera, why)
+        self.guard.ignore(camera)
+
+    def _leave_out(self, camera: str, why: str, since_unix_ns: int) -> None:
         self.calibration.suspect(camera, why)
         self.guard.ignore(camera)
-        if since_unix_ns is not None:
-            self.window.cameras[camera].forget_before(since_unix_ns)
-        else:
-            self.window.cameras[camera].clear()
+        self.window.cameras[camera].forget_before(since_unix_ns)
 
     def _drop(self, why: str) -> None:
         self._first_track = self.next_track

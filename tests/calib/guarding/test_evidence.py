@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.guarding.evidence import evidence
+from calib.guarding.evidence import evidence, without_camera
 from calib.guarding.raytracks import RayTracks
 from calib.network import Camera
 from tests.calib.guarding.slices import looks_of, objects_of, slices_of
@@ -62,3 +62,33 @@ def test_points_are_free() -> None:
             alone = sum(shift[k] @ one.normal[k, :, k] @ shift[k] for k in range(len(shift)))
             # Double precision, and the loose prior of the points.
             assert abs(weight) < 1e-5 * alone
+
+
+@pytest.mark.parametrize("gone", [0, 2])
+@pytest.mark.parametrize("turned_rad", [0.0, 1e-3, 5e-3])
+def test_without_a_camera_it_is_as_if_that_had_seen_nothing(gone: int, turned_rad: float) -> None:
+    """Whatever the camera is off by: one that is turned leaves no trace in what the others say of each other."""
+    base = make(EXACT)
+    turn = np.array([turned_rad, turned_rad / 2, 0.0, 0.0, 0.0, 0.0])
+    cameras = [perturbed(one, turn) if k == gone else one for k, one in enumerate(base.network.cameras)]
+    scene = replace(base, network=replace(base.network, cameras=tuple(cameras)))
+    tracks, others = RayTracks(), RayTracks()
+    for _, frame in frames(scene):
+        tracks.add(frame)
+        if frame.camera != f"cam{gone}":
+            others.add(frame)
+    end_ns = min(tracks.newest_ns.values())
+    seen = next(one for one in objects_of(looks_of(base, tracks, end_ns)) if len(one.members) == 4)
+    rest = [(member, agree) for member, agree in zip(seen.members, seen.agree, strict=True) if member[0] != gone]
+    alone = replace(seen, members=tuple(m for m, _ in rest), agree=tuple(a for _, a in rest))
+    whole, truth = evidence(looks_of(scene, tracks, end_ns), seen), evidence(looks_of(scene, others, end_ns), alone)
+    left = without_camera(whole, gone)
+    assert left is not None
+    assert left.cameras.tolist() == [k for k in range(4) if k != gone]
+    assert left.squares < 1.5 * left.freedom
+    if turned_rad < 2e-3:  # beyond, an instant that deviates counts less in the whole already
+        assert np.linalg.norm(left.normal - truth.normal) < 0.05 * np.linalg.norm(truth.normal)
+    assert without_camera(left, gone) is left
+    two = without_camera(left, left.cameras[0])
+    assert two is not None
+    assert without_camera(two, two.cameras[0]) is None
