@@ -39,6 +39,7 @@ class LinkCounters(msgspec.Struct, frozen=True, kw_only=True):
     received: int
     oversize: int  # larger than any honest message
     over_rate: int  # faster than any honest sender
+    unanswered: int  # questions for our state, beyond what all together may ask
     open_failures: int
 
 
@@ -230,6 +231,9 @@ class Link:
     # Zenoh's threads: they only put
 
     def _answer_state(self, query: zenoh.Query) -> None:
+        if not self._reception.admit_question():
+            with query:  # ended without an answer: who asks so often asks again
+                return
         with self._states_lock:
             states = dict(self._states)
         with query:

@@ -19,12 +19,17 @@ BURST: Final = 2000.0  # messages a key may send at once: what a link held back 
 MAX_KEYS: Final = 4096  # remembered; all are forgotten when there are more, which only a flood of keys does
 
 
+QUESTIONS_HZ: Final = 100.0  # for late joiners' state, from all: a hundred boxes ask once in five seconds each
+QUESTIONS_BURST: Final = 400.0  # all of them at once, after a base has started anew
+
+
 class ReceptionCounters(msgspec.Struct, frozen=True, kw_only=True):
     """What came in so far; every number only grows."""
 
     received: int = 0
     oversize: int = 0  # larger than any honest message
     over_rate: int = 0  # faster than any honest sender
+    unanswered: int = 0  # questions beyond what all together may ask
 
 
 class Allowances:
@@ -52,7 +57,8 @@ class Reception:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._allowances = Allowances()
-        self._received = self._oversize = self._over_rate = 0
+        self._questions = Allowances(QUESTIONS_HZ, QUESTIONS_BURST)
+        self._received = self._oversize = self._over_rate = self._unanswered = 0
 
     def admit(self, sample: zenoh.Sample, inbox: Inbox[Received]) -> None:
         """Put a sample into an inbox, or drop and count it."""
@@ -67,8 +73,20 @@ class Reception:
             self._received += 1
         inbox.put(Received(key, sample.payload.to_bytes(), time.monotonic_ns()))
 
+    def admit_question(self) -> bool:
+        """Whether a question about our state is answered; one that is not is counted."""
+        with self._lock:
+            admitted = self._questions.take("", time.monotonic())
+            self._unanswered += not admitted
+            return admitted
+
     @property
     def counters(self) -> ReceptionCounters:
         """What came in so far."""
         with self._lock:
-            return ReceptionCounters(received=self._received, oversize=self._oversize, over_rate=self._over_rate)
+            return ReceptionCounters(
+                received=self._received,
+                oversize=self._oversize,
+                over_rate=self._over_rate,
+                unanswered=self._unanswered,
+            )

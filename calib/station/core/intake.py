@@ -47,9 +47,28 @@ REFUSED_NUMBERS: Final = {
         "restart the box; if it goes on, somebody else sends under its name",
     ),
 }
+MOST_BYTES_HZ: Final = 1.5e6  # of one camera's frames: 100 a second, of FLOOD detections each
+BURST_BYTES: Final = 3e6  # what a link held back while it was cut
 FLOOD: Final = 60  # detections a frame, on average: more is a detector gone wild, not a sky full of objects
 
 Run = tuple[int | None, int | None]
+
+
+@dataclass
+class ByteBudget:
+    """What one camera may send: a flood of it must not cost the others, so what is beyond is not even decoded."""
+
+    left: float = BURST_BYTES
+    last_ns: int | None = None
+
+    def takes(self, size: int, now_ns: int) -> bool:
+        """Whether a message of so many bytes is within it now."""
+        passed_s = 0.0 if self.last_ns is None else max(now_ns - self.last_ns, 0) / NS
+        self.left, self.last_ns = min(BURST_BYTES, self.left + passed_s * MOST_BYTES_HZ), now_ns
+        if size > self.left:
+            return False
+        self.left -= size
+        return True
 
 
 @dataclass
@@ -75,6 +94,7 @@ class CameraIntake:
     since: tuple[int, int] = (0, 0)  # epoch and number of the first frame by the clock as it is set now
     numbers: dict[int, Ranges] = field(default_factory=dict)  # those that came, by epoch; only where late rows count
     detections: float = 0.0  # a frame, smoothed
+    budget: ByteBudget = field(default_factory=ByteBudget)
     counters: Counter[str] = field(default_factory=Counter)
     faults: dict[str, tuple[str, str, int]] = field(default_factory=dict)  # name: reason, action, when
 
@@ -176,6 +196,10 @@ class Intake:
 
     def frame(self, camera: CameraIntake, payload: bytes, now_ns: int) -> Frame | None:
         """A frame's measurements, or None if it is refused."""
+        if self._arrivals_are_real and not camera.budget.takes(len(payload), now_ns):
+            fault = f"it sends more than {MOST_BYTES_HZ / 1e6:g} MB a second; the rest is left out"
+            camera.fault("too_much", fault, "look at its picture and detector; restart the box", now_ns)
+            return None
         tracks = self._tracks(camera, payload, now_ns)
         if tracks is None or not self._accepted(camera, tracks, now_ns):
             return None

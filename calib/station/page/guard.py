@@ -1,15 +1,21 @@
 """The door in front of everything the page's process serves: HTTP, web sockets, and the library's own files."""
 
+import time
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any, Final
 
-from calib.station.status.access import COOKIE, allowed, in_query
+from calib.station.page.door import Client, Door
+from calib.station.status.access import COOKIE, SESSION_S, Gate, Verdict, in_query, session
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 
-REFUSED: Final = b"a token is needed: http://HOST:PORT/?token=..."
+# What is answered instead, by what was found: HTTP status, text.
+ANSWERS: Final[dict[Verdict, tuple[int, bytes]]] = {
+    "refused": (401, b"a token is needed: http://HOST:PORT/?token=..."),
+    "wait": (429, b"too many wrong tokens from here: wait, and give the right one"),
+}
 REFUSED_SOCKET: Final = 1008  # policy violation (RFC 6455)
 # Nothing from elsewhere, nothing framed. The library writes its own styles and scripts into the page.
 POLICY: Final = (
@@ -19,38 +25,53 @@ POLICY: Final = (
 
 
 class RequestFilter:
-    """Lets through what access.py allows; a token in the address becomes a cookie and leaves the address."""
+    """Lets through what access.py allows; a token in the address becomes a session and leaves the address."""
 
-    def __init__(self, app: Any, token: str) -> None:
+    def __init__(self, app: Any, token: str, door: Door | None = None) -> None:
+        """door: is told who asked and when the answer is out; None: nobody is counted."""
         self._app, self._token = app, token
+        self._door = Door() if door is None else door
+        self.gate = Gate(token)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request, or one socket."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
+        client: Client = tuple(scope.get("client") or ("", 0))
+        self._door.asked(client, "asking" if scope["type"] == "http" else "watching", time.monotonic())
+        try:
+            await self._judge(scope, receive, send, client[0])
+        finally:
+            self._door.answered(client, time.monotonic())
+
+    async def _judge(self, scope: Scope, receive: Receive, send: Send, address: str) -> None:
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
         query = scope["query_string"].decode("latin-1")
-        if not allowed(self._token, headers, query):
-            await _refuse(scope, send)
+        verdict = self.gate.judge(headers, query, address, time.time())
+        if verdict != "in":
+            await _refuse(scope, send, verdict)
         elif scope["type"] == "http" and in_query(self._token, query):
             await self._welcome(scope["path"], send)
         else:
             await self._app(scope, receive, _with_policy(send))
 
     async def _welcome(self, path: str, send: Send) -> None:
-        cookie = f"{COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/; Max-Age=31536000"
-        headers = [(b"location", path.encode()), (b"set-cookie", cookie.encode("latin-1"))]
+        value = session(self._token, time.time())
+        cookie = f"{COOKIE}={value}; HttpOnly; SameSite=Strict; Path=/; Max-Age={SESSION_S}"
+        own = "/" + path.lstrip("/")  # two slashes would be another host
+        headers = [(b"location", own.encode("latin-1", "replace")), (b"set-cookie", cookie.encode("latin-1"))]
         await send({"type": "http.response.start", "status": 303, "headers": headers})
         await send({"type": "http.response.body", "body": b""})
 
 
-async def _refuse(scope: Scope, send: Send) -> None:
+async def _refuse(scope: Scope, send: Send, verdict: Verdict) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": REFUSED_SOCKET})
         return
-    await send({"type": "http.response.start", "status": 401, "headers": [(b"content-type", b"text/plain")]})
-    await send({"type": "http.response.body", "body": REFUSED})
+    status, text = ANSWERS[verdict]
+    await send({"type": "http.response.start", "status": status, "headers": [(b"content-type", b"text/plain")]})
+    await send({"type": "http.response.body", "body": text})
 
 
 def _with_policy(send: Send) -> Send:

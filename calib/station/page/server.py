@@ -23,9 +23,12 @@ from nicegui import ui
 from starlette.staticfiles import StaticFiles
 
 from calib.station.page import wire, words
+from calib.station.page.door import Door
 from calib.station.page.guard import RequestFilter
+from calib.station.page.listening import stand_at
 from calib.station.page.live import Live
 from calib.station.page.past import Past, listing, named
+from calib.station.status.attempts import Attempts, with_door
 from calib.station.status.metrics import CONTENT_TYPE, metrics
 from calib.station.status.status import CameraStatus, StationStatus
 from edge.common.errors import SkyfixError
@@ -37,6 +40,7 @@ FRAME_S: Final = 0.1
 SCENE_FRAMES: Final = 10  # frames between two scenes
 WORDS_S: Final = 0.5  # between two looks at the words
 SLOW_S: Final = 2.0  # a browser that takes no frame for so long is let go
+SWEEP_S: Final = 1.0  # between two looks at who stands at the door
 PASTS: Final = 2  # recordings kept open
 PRIMARY: Final = "#0757b8"  # white on it has a contrast of 7 to 1
 SECTIONS: Final = {"/": "Map", "/setup": "Setup", "/cameras": "Cameras", "/recordings": "Recordings"}
@@ -48,6 +52,8 @@ class Page:
     def __init__(self, hello: wire.Hello, feed: socket.socket) -> None:
         self.hello, self.feed = hello, feed
         self.live = Live()
+        self.door = Door()
+        self.attempts = Attempts()
         self._pasts: OrderedDict[str, Past] = OrderedDict()
         self._ended = asyncio.Event()
 
@@ -68,6 +74,12 @@ class Page:
         """Send the operator's command. A station that is too busy to take it is asked again by the operator."""
         with contextlib.suppress(BlockingIOError):
             self.feed.send(msgspec.json.encode(what))
+
+    @property
+    def status(self) -> StationStatus | None:
+        """As the station says it, with what is known at the door."""
+        said = self.live.status
+        return None if said is None else with_door(said, self.attempts, self.door.turned_away, time.time())
 
     # The browsers
 
@@ -112,17 +124,33 @@ def serve(page: Page, listener: socket.socket) -> None:
     _routes(app, page)
     _pages(page)
     ui.run_with(app, title="Skyfix", favicon="🛰", tailwind=False, show_welcome_message=False, reconnect_timeout=10)
-    asyncio.run(_serve(RequestFilter(app, page.hello.token), page, listener))
+    asyncio.run(_serve(guarded(app, page), page, listener))
+
+
+def guarded(app: Any, page: Page) -> RequestFilter:
+    """The app behind the page's door; what is tried there is the page's to tell."""
+    found = RequestFilter(app, page.hello.token, page.door)
+    page.attempts = found.gate.attempts
+    return found
 
 
 async def _serve(app: Any, page: Page, listener: socket.socket) -> None:
     config = uvicorn.Config(app, log_level="warning", lifespan="on", ws_max_size=1 << 16, timeout_graceful_shutdown=1)
     server = uvicorn.Server(config)
+    stand_at(config, page.door)
+    sweeping = asyncio.create_task(_sweep(page.door))
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     listening = asyncio.create_task(page.listen())
     await asyncio.wait({serving, listening}, return_when=asyncio.FIRST_COMPLETED)
     server.should_exit = True
     await serving
+    sweeping.cancel()
+
+
+async def _sweep(door: Door) -> None:
+    while True:
+        door.sweep(time.monotonic())
+        await asyncio.sleep(SWEEP_S)
 
 
 def _routes(app: FastAPI, page: Page) -> None:
@@ -133,11 +161,11 @@ def _routes(app: FastAPI, page: Page) -> None:
 
     @app.get("/status.json")
     def status() -> Response:
-        return _json(page.live.status)
+        return _json(page.status)
 
     @app.get("/metrics")
     def numbers() -> Response:
-        status = page.live.status
+        status = page.status
         return Response(b"" if status is None else metrics(status), media_type=CONTENT_TYPE)
 
     @app.get("/report")
@@ -266,7 +294,8 @@ def _report_link(page: Page) -> str:
 
 
 def _if_known(page: Page, render: Callable[[StationStatus], str]) -> str:
-    return "" if page.live.status is None else render(page.live.status)
+    status = page.status
+    return "" if status is None else render(status)
 
 
 def _cameras(page: Page) -> None:

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge.link.reception import Allowances
+from edge.link.reception import QUESTIONS_BURST, QUESTIONS_HZ, Allowances, Reception
 
 
 @given(st.lists(st.floats(0, 0.1), min_size=1, max_size=200))
@@ -22,6 +22,13 @@ def test_an_honest_key_is_untouched_by_a_flood() -> None:
         assert allowances.take("honest", now)
         for _ in range(100):
             allowances.take("flood", now)
+
+
+def test_questions_of_all_together_have_an_allowance() -> None:
+    reception = Reception()
+    answered = sum(reception.admit_question() for _ in range(5000))
+    assert QUESTIONS_BURST <= answered < QUESTIONS_BURST + 2 * QUESTIONS_HZ
+    assert reception.counters.unanswered == 5000 - answered
 
 
 def test_inventing_keys_costs_no_memory() -> None:

@@ -22,6 +22,9 @@ from edge.common.errors import ConfigError
 LINK_READ_BYTES: Final = 4096
 READS_A_POLL: Final = 16  # datagrams: a flood of commands must not hold up targets
 BACKLOG_BYTES: Final = 262_144  # per TCP client: seconds of full rate; more means it has stopped reading
+MOST_CLIENTS: Final = 32  # of a listening endpoint: each gets all that is sent
+CLIENTS_OF_ONE: Final = 8  # machines have a ground station, a logger, somebody's script
+ACCEPTS_A_POLL: Final = 16
 LINE_WAITING_S: Final = 0.5  # of a serial line's own rate: what waits longer is stale when its turn comes
 LINE_LEAST_WAITING_BYTES: Final = 1024  # a few whole frames on the slowest line
 BITS_A_BYTE: Final = 10  # on a serial line, start and stop included
@@ -113,10 +116,10 @@ class UdpEndpoint(Endpoint):
 
 
 class _Stream:
-    """A connected TCP socket with what it has not yet taken."""
+    """A connected TCP socket with what it has not yet taken. address: of a client's machine."""
 
-    def __init__(self, connection: socket.socket) -> None:
-        self.connection = connection
+    def __init__(self, connection: socket.socket, address: str) -> None:
+        self.connection, self.address = connection, address
         self.waiting = bytearray()
         connection.setblocking(False)
 
@@ -144,7 +147,7 @@ class _Stream:
 
 
 class TcpEndpoint(Endpoint):
-    """TCP, dialling a server or serving any number of clients."""
+    """TCP, dialling a server or serving clients: so many at most, and of one address its share."""
 
     def __init__(self, url: str, address: tuple[str, int], *, listen: bool) -> None:
         super().__init__(url)
@@ -202,7 +205,8 @@ class TcpEndpoint(Endpoint):
     def _welcome(self, now_ns: int) -> None:
         try:
             if self._server is not None:
-                self._adopt(self._server.accept()[0])
+                for _ in range(ACCEPTS_A_POLL):
+                    self._let_in(*self._server.accept())
             elif not self._streams:
                 self._dial(now_ns)
         except BlockingIOError:
@@ -210,10 +214,18 @@ class TcpEndpoint(Endpoint):
         except OSError as error:
             self._failed(error)
 
-    def _adopt(self, connection: socket.socket) -> None:
+    def _let_in(self, connection: socket.socket, peer: tuple[str, int]) -> None:
+        own = sum(stream.address == peer[0] for stream in self._streams.values())
+        if own < CLIENTS_OF_ONE and len(self._streams) < MOST_CLIENTS:
+            self._adopt(connection, peer[0])
+            return
+        connection.close()  # at once: a thousand that wait would hold the descriptors that boxes need
+        self._failed(OSError(errno.ENOBUFS, f"{peer[0]} was turned away: {own} of its clients are connected"))
+
+    def _adopt(self, connection: socket.socket, address: str = "") -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._numbers += 1
-        self._streams[self._numbers] = _Stream(connection)
+        self._streams[self._numbers] = _Stream(connection, address)
 
     def _dial(self, now_ns: int) -> None:
         if self._dialling is None:

@@ -21,7 +21,8 @@ from calib.station.page import past, wire, words
 from calib.station.page.live import Live
 from calib.station.page.process import PageProcess, available
 from calib.station.page.steps import next_step, steps
-from calib.station.status.access import SHORTEST_TOKEN, allowed, read_token
+from calib.station.status.access import SESSION_S, SHORTEST_TOKEN, Gate, read_token, session, session_holds
+from calib.station.status.attempts import FREE, MOST_REMEMBERED, Attempts, with_door
 from calib.station.status.status import CameraStatus, EndpointStatus, PairStatus, StationStatus
 from edge.common.errors import ConfigError, MessageError
 from edge.messages import Health, HealthItem, NetworkMessage, Target, Targets, encode
@@ -85,25 +86,72 @@ def status(cameras: list[CameraStatus] | None = None, **changes: Any) -> Station
 # Who may look
 
 
+NOW_S, HERE = 1_800_000_000.0, "192.168.7.9"
+
+
+def passes(token: str, headers: dict[str, str], query: str = "", at_s: float = NOW_S) -> bool:
+    return Gate(token).judge(headers, query, HERE, at_s) == "in"
+
+
 def test_without_a_token_only_this_machine_s_own_names_are_answered() -> None:
     for host in ("127.0.0.1:8080", "localhost:8080", "[::1]:8080", "127.0.0.1"):
-        assert allowed("", {"host": host}, "")
-    for host in ("evil.example", "192.168.7.1:8080", "127.0.0.1.evil.example", ""):
-        assert not allowed("", {"host": host}, "")
+        assert passes("", {"host": host})
+    for host in ("evil.example", "192.168.7.1:8080", "127.0.0.1.evil.example", "", "[", "]["):
+        assert not passes("", {"host": host})
 
 
-def test_a_token_comes_by_address_bearer_or_cookie() -> None:
+def test_a_token_comes_by_address_or_bearer_and_its_session_by_cookie() -> None:
     host = {"host": "192.168.7.1:8080"}
-    assert allowed(TOKEN, host, f"token={TOKEN}")
-    assert allowed(TOKEN, host | {"authorization": f"Bearer {TOKEN}"}, "")
-    assert allowed(TOKEN, host | {"cookie": f"other=1; skyfix={TOKEN}"}, "")
-    assert not allowed(TOKEN, host | {"origin": "http://evil.example"}, f"token={TOKEN}")
+    assert passes(TOKEN, host, f"token={TOKEN}")
+    assert passes(TOKEN, host | {"authorization": f"Bearer {TOKEN}"})
+    cookie = {"cookie": f"other=1; skyfix={session(TOKEN, NOW_S)}"}
+    assert passes(TOKEN, host | cookie)
+    assert not passes(TOKEN, host | {"origin": "http://evil.example"}, f"token={TOKEN}")
+    assert not passes(TOKEN, host | {"origin": "http://["}, f"token={TOKEN}")
+
+
+def test_a_session_ends_by_itself_and_with_its_token_and_is_no_token() -> None:
+    value = session(TOKEN, NOW_S)
+    assert TOKEN not in value
+    assert session_holds(TOKEN, value, NOW_S + SESSION_S - 2)
+    assert not session_holds(TOKEN, value, NOW_S + SESSION_S + 1)
+    assert not session_holds(TOKEN + "x", value, NOW_S)
+    ends, _, seal = value.partition(".")
+    for forged in (TOKEN, f"{int(ends) + 1}.{seal}", f"{ends}.", f"{'9' * 5000}.{seal}", "", "\u0661.x"):
+        assert not session_holds(TOKEN, forged, NOW_S)
 
 
 @given(st.text(max_size=40), st.text(max_size=40), st.text(max_size=80))
 def test_nothing_else_passes(query: str, cookie: str, authorization: str) -> None:
     headers = {"host": "127.0.0.1", "cookie": cookie, "authorization": authorization}
-    assert not allowed(TOKEN, headers, query)
+    assert not passes(TOKEN, headers, query)
+
+
+def test_wrong_tokens_wait_longer_each_time_and_who_has_a_session_does_not() -> None:
+    """Fifteen hundred a second for an hour: a hundredth of a thousandth of them are looked at."""
+    gate, host = Gate(TOKEN), {"host": "192.168.7.1:8080"}
+    looked_at = 0
+    for k in range(36_000):
+        looked_at += gate.judge(host, f"token={k:016}", HERE, NOW_S + k / 10) == "refused"
+    assert looked_at == gate.attempts.wrong < 40
+    assert gate.judge(host, f"token={TOKEN}", HERE, NOW_S + 3600) == "wait"
+    assert gate.judge(host | {"cookie": f"skyfix={session(TOKEN, NOW_S)}"}, "", HERE, NOW_S + 3600) == "in"
+    assert gate.judge(host, f"token={TOKEN}", "192.168.7.10", NOW_S + 3600) == "in", "another address"
+    assert gate.judge(host, f"token={TOKEN}", HERE, NOW_S + 2 * 3600 + 1) == "in"
+    said = with_door(status(), gate.attempts, 3, NOW_S + 3600)
+    assert said.health.level == "warn"
+    assert HERE in said.health.items[-1].reason
+    assert (said.counters["wrong_tokens"], said.counters["turned_away"]) == (gate.attempts.wrong, 3)
+
+
+def test_a_network_of_addresses_counts_as_one_and_what_is_remembered_is_bounded() -> None:
+    attempts = Attempts()
+    for k in range(FREE):
+        attempts.failed(f"2001:db8::{k:x}", NOW_S)
+    assert not attempts.may("2001:db8::ffff", NOW_S)
+    for k in range(3 * MOST_REMEMBERED):
+        attempts.failed(f"10.{k >> 16}.{k >> 8 & 255}.{k & 255}", NOW_S)
+    assert len(attempts._tried) == MOST_REMEMBERED
 
 
 def test_a_token_that_others_may_read_or_that_is_short_is_refused(tmp_path: Path) -> None:

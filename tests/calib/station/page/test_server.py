@@ -3,9 +3,11 @@
 import asyncio
 import http.client
 import json
+import logging
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,8 +28,9 @@ if not available():
 import uvicorn
 from fastapi import FastAPI
 
-from calib.station.page.guard import RequestFilter
-from calib.station.page.server import Page, _routes
+from calib.station.page.door import MOST_OF_ONE
+from calib.station.page.listening import LINES, RateLimit, stand_at
+from calib.station.page.server import Page, _routes, guarded
 
 
 @dataclass
@@ -83,7 +86,9 @@ async def _serve(
     page = Page(hello, theirs)
     app = FastAPI(openapi_url=None)
     _routes(app, page)
-    server = uvicorn.Server(uvicorn.Config(RequestFilter(app, hello.token), log_level="warning", lifespan="off"))
+    config = uvicorn.Config(guarded(app, page), log_level="warning", lifespan="off")
+    stand_at(config, page.door)
+    server = uvicorn.Server(config)
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     started.append(Served(page, ours, listener.getsockname()[1]))
     await page.listen()
@@ -140,3 +145,39 @@ def test_an_operator_s_command_reaches_the_station(served: Served) -> None:
     served.feed.settimeout(10)
     found = msgspec.json.decode(served.feed.recv(wire.LARGEST), type=wire.OperatorCommand)
     assert (found.do, found.camera) == ("mute", "cam1")
+
+
+def test_a_hundred_who_ask_a_letter_a_second_keep_nobody_out(served: Served, until: Until) -> None:
+    served.give("status", encode(status()))
+    assert until(lambda: served.page.live.status is not None)
+    with ExitStack() as stack:
+        for _ in range(2 * MOST_OF_ONE):
+            slow = stack.enter_context(socket.create_connection(("127.0.0.1", served.port)))
+            slow.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: a")
+        assert until(lambda: served.page.door.turned_away >= MOST_OF_ONE)
+        assert served.get("/status.json")[0] == 200
+        assert b"skyfix_turned_away_total" in served.get("/metrics")[2]
+
+
+def test_wrong_tokens_have_to_wait_and_are_told_on_the_page(served: Served, until: Until) -> None:
+    served.give("status", encode(status()))
+    assert until(lambda: served.page.live.status is not None)
+    answers = [served.get("/status.json", token=f"{k:016}")[0] for k in range(12)]
+    assert answers == [401] * 5 + [429] * 7
+    assert served.get("/status.json")[0] == 429, "the right one too: it would be found among them"
+    told = served.page.status
+    assert told is not None
+    assert told.health.items[-1].name == "token"
+    assert told.counters["wrong_tokens"] == 5
+
+
+def test_a_log_has_so_many_lines_a_minute_and_says_how_many_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 100.0
+    monkeypatch.setattr("calib.station.page.listening.time.monotonic", lambda: now_s)
+    limit = RateLimit()
+    records = [logging.makeLogRecord({"msg": "line %d", "args": (k,)}) for k in range(500)]
+    assert sum(limit.filter(record) for record in records) == LINES
+    now_s += 61.0
+    last = logging.makeLogRecord({"msg": "line %d", "args": (7,)})
+    assert limit.filter(last)
+    assert last.getMessage() == f"line 7 ({500 - LINES} lines left out before)"

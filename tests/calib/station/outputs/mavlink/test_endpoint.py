@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.station.outputs.mavlink.endpoint import BACKLOG_BYTES, REDIAL_NS, Endpoint, open_endpoint
+from calib.station.outputs.mavlink.endpoint import BACKLOG_BYTES, CLIENTS_OF_ONE, REDIAL_NS, Endpoint, open_endpoint
 from edge.common.errors import ConfigError
 from tests.calib.station.running import udp_ear
 from tests.conftest import Until
@@ -102,6 +102,21 @@ def _read(one: socket.socket) -> bytes:
         return one.recv(1 << 20)
     except BlockingIOError:
         return b""
+
+
+def test_a_thousand_silent_clients_hold_no_more_than_their_share(until: Until) -> None:
+    port = free_port()
+    with opened(f"tcpin:127.0.0.1:{port}") as endpoint, contextlib.ExitStack() as stack:
+        clients = []
+        for _ in range(300):
+            clients.append(stack.enter_context(socket.create_connection(("127.0.0.1", port))))
+            endpoint.send([], 0)
+        assert until(lambda: (endpoint.send([], 0), endpoint.errors >= 300 - CLIENTS_OF_ONE)[1])
+        assert len(endpoint._streams) == CLIENTS_OF_ONE  # type: ignore[attr-defined]
+        assert "turned away" in endpoint.last_error
+        assert not endpoint.hopeless
+        endpoint.send(FRAMES, 0)
+        assert clients[0].recv(100) == b"".join(FRAMES), "who was there first goes on"
 
 
 def test_a_server_that_comes_later_and_again_is_dialled_again(until: Until) -> None:
