@@ -199,7 +199,7 @@ class Runner:
         self.recording.write(station_key(self._site, topic), payload, self.clock.now_ns())
 
     def _keep_signing_ticks(self, ticks: int) -> None:
-        self._signing_ticks = max(self._signing_ticks, ticks)
+        self._signing_ticks = ticks
 
     # How it is
 

@@ -25,6 +25,7 @@ log = logging.getLogger(__name__)
 
 TRACKS_ASIDE: Final = 100  # numbers put aside at each writing
 TICKS_ASIDE: Final = 60 * 100_000  # signing time: a minute, in ticks of 10 us; the file is written once a minute
+TICKS_BACK: Final = 3600 * 100_000  # an hour: more than is put aside over many starts that were each killed
 EPOCHS_ON_WIRE: Final = 65_536  # the field on the wire has 16 bits
 NETWORK: Final = "network.toml"
 COUNTERS: Final = "counters.json"
@@ -74,10 +75,12 @@ class StateStore(OwnThread):
         self._queue.put((self._folder / NETWORK, text.encode()))
 
     def note(self, next_track: int, signing_ticks: int) -> None:
-        """Put numbers and signing time aside when what was put aside runs out."""
+        """Put numbers and signing time aside when what was put aside runs out, or the time was taken back by far."""
         kept = self._counters
-        if next_track + TRACKS_ASIDE // 2 > kept.next_track or signing_ticks > kept.signing_ticks:
-            self._counters = _Counters(kept.epoch, next_track + TRACKS_ASIDE, signing_ticks + TICKS_ASIDE)
+        taken_back = 0 < signing_ticks < kept.signing_ticks - TICKS_BACK
+        if next_track + TRACKS_ASIDE // 2 > kept.next_track or signing_ticks > kept.signing_ticks or taken_back:
+            aside = signing_ticks + TICKS_ASIDE if signing_ticks else kept.signing_ticks
+            self._counters = _Counters(kept.epoch, next_track + TRACKS_ASIDE, aside)
             self._queue.put((self._folder / COUNTERS, self._encoded_counters()))
 
     def _encoded_counters(self) -> bytes:

@@ -16,12 +16,12 @@ from typing import Final, Literal
 
 from pymavlink.dialects.v20 import common
 
+from calib.station.outputs.mavlink.signing_time import AHEAD_S
 from edge.common.errors import ConfigError
 
 SIGNING_EPOCH_S: Final = 1_420_070_400  # 2015-01-01, where MAVLink's signing time begins
 TICKS_PER_S: Final = 100_000  # of signing time
 WINDOW_TICKS: Final = 60 * TICKS_PER_S  # a new stream may be so far off, as every implementation has it
-CLOCK_SET_S: Final = 1_600_000_000  # 2020: an earlier clock was never set, and signing with it locks us out later
 SIGNED_TAIL: Final = 13  # bytes: link id, 6 of time, 6 of hash
 MAX_STREAMS: Final = 64  # peers remembered; forged ones never get in
 
@@ -35,6 +35,11 @@ def ticks(unix_s: float) -> int:
     return int((unix_s - SIGNING_EPOCH_S) * TICKS_PER_S)
 
 
+def unix_of(signed: int) -> float:
+    """The instant of a signing time, s; 0 for none."""
+    return signed / TICKS_PER_S + SIGNING_EPOCH_S if signed else 0.0
+
+
 class Streams:
     """How far each sender's signed stream has come; one for all endpoints that share a key."""
 
@@ -42,6 +47,10 @@ class Streams:
         """began_unix_s: what was signed before may have been obeyed before the restart."""
         self._began = ticks(began_unix_s)
         self._last: dict[Stream, int] = {}
+
+    def begin(self, unix_s: float) -> None:
+        """The clock has been set only now: what was signed before may have been obeyed before the restart."""
+        self._began = ticks(unix_s)
 
     def judge(self, stream: Stream, time: int, now: int) -> Signature:
         """What a frame whose hash is right is worth, by its time; a good one moves its stream on. Times: ticks."""
@@ -83,9 +92,14 @@ class Codec(common.MAVLink):  # type: ignore[misc]  # pymavlink is untyped
         return frame
 
     def refresh(self, now_unix_s: float, at_least: int = 0) -> None:
-        """Bring the signing time up to the clock; it never goes back. at_least: what was stored, in ticks."""
+        """Bring the signing time up to the clock, or to at_least, in ticks. It goes back by days or not at all.
+
+        By how much, and when, is signing_time.py's to say; what a few frames have added is no reason.
+        """
         self._now = ticks(now_unix_s)
-        self.signing.timestamp = max(self.signing.timestamp, self._now, at_least)
+        wanted = max(self._now, at_least)
+        taken_back = self.signing.timestamp - wanted > AHEAD_S * TICKS_PER_S / 2
+        self.signing.timestamp = wanted if taken_back else max(self.signing.timestamp, wanted)
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:
         """Whether a frame's signature is good: the hash first, then its time against its stream's and ours."""

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.network import to_toml
-from calib.station.archive.state_store import StateStore
+from calib.station.archive.state_store import TICKS_ASIDE, StateStore
 from tools.doubles.flight import Spec, make
 
 CAMERAS = {f"cam{k}" for k in range(6)}
@@ -30,6 +30,16 @@ def test_numbers_used_in_a_run_that_was_killed_are_not_given_again(tmp_path: Pat
         for track in range(1, 500):
             keeper.note(track, 0)
     assert StateStore(tmp_path).load(CAMERAS).first_track > 499
+
+
+def test_a_signing_time_that_was_taken_back_by_years_is_stored_and_one_of_a_killed_start_is_not(tmp_path: Path) -> None:
+    year = 365 * 86_400 * 100_000
+    with StateStore(tmp_path) as keeper:
+        keeper.load(CAMERAS)
+        for ticks in (20 * year, 10 * year, 10 * year - 50 * TICKS_ASIDE, 0):
+            keeper.note(1, ticks)
+    stored = StateStore(tmp_path).load(CAMERAS).signing_ticks
+    assert stored == 10 * year + TICKS_ASIDE
 
 
 def test_the_network_comes_back_to_the_last_bit(tmp_path: Path) -> None:
