@@ -13,6 +13,7 @@ from typing import Final
 
 import msgspec
 
+from edge.audit import check_files, check_ports, check_program, open_ports, time_sources
 from edge.capture import is_lossless, open_source
 from edge.capture.address import shown
 from edge.capture.frame import FrameSource
@@ -27,7 +28,8 @@ from edge.gnss.receiver import Receiver, check_antenna
 from edge.gnss.trial import Telling, silent, try_receiver
 from edge.link.counterpart import Counterpart
 from edge.link.link import Link
-from edge.link.security import check_security
+from edge.link.ports import place
+from edge.link.security import check_security, files_of
 from edge.messages import station_key
 from edge.pipeline import CameraFacts, Pipeline, total_bound_s
 from edge.temperature import check_temperature
@@ -63,7 +65,20 @@ def check_box(config: BoxConfig, config_file: Path, progress: Telling = silent) 
     if config.spool:
         yield check_spool_folder(Path(config.spool.folder))
     yield check_security(config.link, dt.datetime.now(dt.UTC), config.bearer)
+    yield from _audit(config, config_file)
     yield check_link(config)
+
+
+def _audit(config: BoxConfig, config_file: Path) -> Iterator[Check]:
+    """Whether the machine is as closed as the configuration says."""
+    passwords = any(shown(camera.source.path) != camera.source.path for camera in config.camera)
+    spools = [] if config.spool is None else sorted(Path(config.spool.folder).glob("*.sqlite"))
+    yield check_files([*([config_file] if passwords else []), *spools], [config_file, *files_of(config.link)])
+    if (sources := time_sources()) is not None:
+        yield sources
+    listened = [place(endpoint) for endpoint in config.link.listen]
+    yield check_ports(open_ports(port for _, port in listened), listened)
+    yield check_program()
 
 
 def check_camera(box: BoxConfig, camera: CameraConfig, config_file: Path, clock: ClockMonitor) -> Iterator[Check]:

@@ -41,7 +41,7 @@ def check_security(settings: LinkSettings, now: dt.datetime, bearer: Bearer | No
     tls = settings.tls
     if tls is None:
         return Check("security", "warn", settings.warning, "give [link.tls]: see deploy/certs/README.md")
-    for file in (tls.authority, tls.certificate, tls.key, *([tls.access] if tls.access else [])):
+    for file in files_of(settings):
         if not os.access(file, os.R_OK):
             return Check("security", "fail", f"{file} cannot be read", "copy it there: see deploy/certs/README.md")
     if bearer and (wrong := why_not_for(bearer, settings)):
@@ -49,6 +49,13 @@ def check_security(settings: LinkSettings, now: dt.datetime, bearer: Bearer | No
     if stat.S_IMODE(Path(tls.key).stat().st_mode) & 0o077:
         return Check("security", "warn", f"{tls.key} can be read by others", f"chmod 600 {tls.key}")
     return _check_ends(tls, now)
+
+
+def files_of(settings: LinkSettings) -> list[Path]:
+    """What a protected link reads."""
+    tls = settings.tls
+    names = [] if tls is None else [tls.authority, tls.certificate, tls.key, tls.access]
+    return [Path(name) for name in names if name]
 
 
 def why_not_for(bearer: Bearer, settings: LinkSettings) -> str:

@@ -31,6 +31,7 @@ from calib.station.status.asking import Running, running_station
 from calib.station.survey.assessment import contradictions
 from calib.station.survey.in_force import frames_in_force, is_survey, survey_file, twice_given, with_survey
 from calib.station.survey.store import load_survey
+from edge.audit import check_files, check_ports, check_program, open_ports, time_sources
 from edge.clock.monitor import read_clock
 from edge.common.errors import ConfigError
 from edge.common.health import SEVERITY, Check
@@ -38,10 +39,11 @@ from edge.gnss.geoid import SITE_ZERO_M, contradiction, undulation_m
 from edge.gnss.receiver import Receiver
 from edge.gnss.trial import try_receiver
 from edge.link.ports import place, why_not_free
-from edge.link.security import Bearer, check_security
+from edge.link.security import Bearer, check_security, files_of
 
 SENDS: Final = 3  # times that an output sends, so that what the network says of the first is heard
 HEARS_WITHIN_S: Final = 0.15  # of each; what is well says nothing
+MOST_LOOKED_AT: Final = 200  # recordings, the newest
 VERDICTS: Final = {"ok": "PASS", "warn": "WARN", "fail": "FAIL"}
 ASKED_FOR: Final = ("versions", "recordings", "frame")  # findings that only the station that runs can have
 LINE: Final = "{0.verdict:4}  {0.name:22}  {0.reason}"
@@ -85,6 +87,8 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
     yield Line(VERDICTS[security.level], security.name, security.reason, security.action)
     clock = check_own_clock(read_clock(config.clock), config.clock)
     yield Line(VERDICTS[clock.level], clock.name, clock.reason, clock.action)
+    for found in _audit(config, folder):
+        yield Line(VERDICTS[found.level], found.name, found.reason, found.action)
     running = running_station(config.status, folder)
     if running is not None and running.site == config.site.name:
         yield from _told_by(running)  # ports and receivers are its own: it is asked, not fought
@@ -96,6 +100,24 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
         yield _listen(endpoint)
     if config.status.port is not None:
         yield _port("status page", config.status.host, config.status.port)
+
+
+def _audit(config: BaseConfig, folder: Path) -> Iterator[Check]:
+    """Whether the machine is as closed as the configuration says."""
+    recordings = folder / config.recording.folder if config.recording.folder else None
+    private = [] if recordings is None else sorted(recordings.glob("*.mcap"))[-MOST_LOOKED_AT:]
+    state = folder / config.state_folder
+    yield check_files(private, [folder, state, *state.glob("*.toml"), *state.glob("*.json"), *files_of(config.link)])
+    if (sources := time_sources()) is not None:
+        yield sources
+    listened = [place(endpoint) for endpoint in config.link.listen]
+    if config.status.port is not None:
+        listened.append((config.status.host, config.status.port))
+    holders = [port for _, port in listened]
+    served = (endpoint.url for endpoint in config.mavlink.endpoint if endpoint.url.startswith("tcpin:"))
+    listened += [(host.strip("[]"), int(port)) for host, _, port in (url[6:].rpartition(":") for url in served)]
+    yield check_ports(open_ports(holders), listened)
+    yield check_program()
 
 
 def _told_by(running: Running) -> Iterator[Line]:
