@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from calib.network import Camera
 from edge.common.arrays import Array
 
-COLUMNS: Final = 32  # of a picture's parts: coarser, and what flies low behind a roof was seen "there" above it
-ROWS: Final = 18
+PICTURE_COLUMNS: Final = 32  # of a picture's parts: coarser, and what flies low behind a roof was seen "there" above it
+PICTURE_ROWS: Final = 18
 SMALLER: Final = 0.67  # of the size in the smallest of the others' pictures: a target as small as that may be missed
 DENIED_S: Final = 2.0  # s without a detection: longer than any flicker
 DENIED_FRAMES: Final = 10  # likewise
 SEES_OTHERS_S: Final = 2.0  # s: how lately a camera that denies one target must have seen another
 MOST_OUTVOTED: Final = 2  # cameras: of three that agree, two are honest, and two rays of theirs are the position
-NEAREST_M: Final = 1.0  # m: nearer than any target
+LEAST_AWAY_M: Final = 1.0  # m: nearer than any target
 NEVER: Final = -np.inf
 
 
@@ -77,7 +77,7 @@ class Denials:
         """A camera saw confirmed targets (K,) at pixels (K, 2)."""
         self._missed[which, camera] = 0
         self._seen_s[which, camera] = t_s
-        sees = self._open.setdefault(self._ids[camera], np.zeros((ROWS, COLUMNS), bool))
+        sees = self._open.setdefault(self._ids[camera], np.zeros((PICTURE_ROWS, PICTURE_COLUMNS), bool))
         for row, column in zip(*_part(pixels, size_px), strict=True):
             sees[: row + 1, column] = True
 
@@ -93,7 +93,7 @@ class Denials:
 
     def weigh(self, positions_enu: Array, watching: NDArray[np.bool_], now_s: float) -> None:
         """Who speaks against targets at positions (N, 3). watching: (N, C) which cameras have just seen them."""
-        size = self._focal_px / np.maximum(np.linalg.norm(positions_enu[:, None] - self._centres, axis=2), NEAREST_M)
+        size = self._focal_px / np.maximum(np.linalg.norm(positions_enu[:, None] - self._centres, axis=2), LEAST_AWAY_M)
         smallest = np.where(watching, size, np.inf).min(axis=1, initial=np.inf)
         long = (self._missed >= DENIED_FRAMES) & (now_s - self._since_s >= DENIED_S)
         sees_others = self._seen_s.max(axis=0, initial=NEVER) > now_s - SEES_OTHERS_S
@@ -107,6 +107,6 @@ class Denials:
 
 def _part(pixels: Array, size_px: tuple[int, int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     width, height = size_px
-    row = np.clip(pixels[:, 1] / height * ROWS, 0, ROWS - 1).astype(np.intp)
-    column = np.clip(pixels[:, 0] / width * COLUMNS, 0, COLUMNS - 1).astype(np.intp)
+    row = np.clip(pixels[:, 1] / height * PICTURE_ROWS, 0, PICTURE_ROWS - 1).astype(np.intp)
+    column = np.clip(pixels[:, 0] / width * PICTURE_COLUMNS, 0, PICTURE_COLUMNS - 1).astype(np.intp)
     return row, column

@@ -17,7 +17,7 @@ from edge.common.errors import RecordingError
 LARGEST_CHUNK: Final = 1 << 25  # bytes, unpacked: ours have 256 KiB, other programs' up to 4 MiB
 DENSEST: Final = 500  # times smaller than unpacked: rows that hardly differ come to 50
 SMALL: Final = 1 << 20  # bytes, unpacked: of so little any density is harmless
-ACTION: Final = "do not use it: no recorder writes such a thing, find out where it is from"
+NOT_OURS: Final = "do not use it: no recorder writes such a thing, find out where it is from"
 
 
 def records_of(chunk: Chunk, where: str) -> list[McapRecord]:
@@ -36,11 +36,11 @@ def records_of(chunk: Chunk, where: str) -> list[McapRecord]:
         raise RecordingError(
             f"holds {len(chunk.data)} bytes that unpack to more than {LARGEST_CHUNK >> 20} MiB",
             where=where,
-            action=ACTION,
+            action=NOT_OURS,
         )
     if len(data) > max(SMALL, DENSEST * len(chunk.data)):
         raise RecordingError(
-            f"holds {len(chunk.data)} bytes that unpack to {len(data)}: no messages", where=where, action=ACTION
+            f"holds {len(chunk.data)} bytes that unpack to {len(data)}: no messages", where=where, action=NOT_OURS
         )
     return _taken_apart(replace(chunk, compression="", data=data))
 

@@ -40,7 +40,7 @@ class StateLock:
             holder = os.pread(descriptor, PID_BYTES, 0).decode("ascii", "replace").strip()
             os.close(descriptor)
             raise SkyfixError(
-                f"another base-station uses this state folder (process {holder or 'unknown'})",
+                f"another station uses this state folder (process {holder or 'unknown'})",
                 where=str(self._path.parent),
                 action="end that one, or give this one a state_folder of its own",
             ) from error

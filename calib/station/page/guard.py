@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any, Final
 
 from calib.station.page.door import Client, Door
-from calib.station.status.access import COOKIE, SESSION_S, Gate, Verdict, in_query, session
+from calib.station.status.access import COOKIE, SESSION_S, TokenGate, Verdict, in_query, session
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -31,7 +31,7 @@ class RequestFilter:
         """door: is told who asked and when the answer is out; None: nobody is counted."""
         self._app, self._token = app, token
         self._door = Door() if door is None else door
-        self.gate = Gate(token)
+        self.gate = TokenGate(token)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request, or one socket."""

@@ -41,7 +41,7 @@ def read_token(file: Path) -> str:
     return token
 
 
-class Gate:
+class TokenGate:
     """Whether a request may pass. attempts: of wrong tokens."""
 
     def __init__(self, token: str) -> None:

@@ -16,14 +16,14 @@ from calib.station.status.status import StationStatus
 from edge.common.health import worst
 from edge.messages import HealthItem
 
-FREE: Final = 5  # attempts: a mistyped token, a tablet with last year's
+FREE_ATTEMPTS: Final = 5  # attempts: a mistyped token, a tablet with last year's
 FIRST_WAIT_S: Final = 1.0  # then twice as long each time
 LONGEST_WAIT_S: Final = 300.0
 FORGOTTEN_S: Final = 3600.0  # without an attempt
 WHO_TRIES: Final = "find out who it is; if the token may be known, write another into status.token_file and restart"
 MOST_REMEMBERED: Final = 1000  # addresses; the oldest is forgotten first
 NETWORK_BITS: Final = 64  # of IPv6: one machine has that many addresses to itself
-RECENT_S: Final = 600.0  # for how long wrong tokens are spoken of
+SPOKEN_OF_S: Final = 600.0  # for how long wrong tokens are spoken of
 
 
 @dataclass
@@ -45,9 +45,9 @@ class Attempts:
     def may(self, address: str, now_s: float) -> bool:
         """Whether a token from this address is looked at now; if not, that is counted."""
         tried = self._tried.get(_one(address))
-        if tried is None or now_s - tried.last_s > FORGOTTEN_S or tried.count < FREE:
+        if tried is None or now_s - tried.last_s > FORGOTTEN_S or tried.count < FREE_ATTEMPTS:
             return True
-        wait_s = min(FIRST_WAIT_S * 2.0 ** (tried.count - FREE), LONGEST_WAIT_S)
+        wait_s = min(FIRST_WAIT_S * 2.0 ** (tried.count - FREE_ATTEMPTS), LONGEST_WAIT_S)
         if now_s - tried.last_s >= wait_s:
             return True
         self.waited += 1
@@ -72,7 +72,7 @@ class Attempts:
 
     def told(self, now_s: float) -> str:
         """That somebody tries tokens, in words; empty if nobody lately does."""
-        if self._last is None or now_s - self._last[1] > RECENT_S:
+        if self._last is None or now_s - self._last[1] > SPOKEN_OF_S:
             return ""
         return f"{self.wrong} wrong tokens and {self.waited} attempts that had to wait, the last from {self._last[0]}"
 

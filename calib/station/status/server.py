@@ -19,7 +19,7 @@ from typing import Any, Final
 import msgspec
 
 from calib.station.config import StatusSection
-from calib.station.status.access import Gate, read_token
+from calib.station.status.access import TokenGate, read_token
 from calib.station.status.attempts import with_door
 from calib.station.status.metrics import CONTENT_TYPE, metrics
 from calib.station.status.status import StationStatus
@@ -87,7 +87,7 @@ class StatusServer(OwnThread):
     def __init__(self, options: StatusSection, folder: Path) -> None:
         """Raises ConfigError if the address cannot be had, or the token cannot be read."""
         super().__init__("status", STATUS_CLOSE_S)
-        self._gate = Gate(read_token(folder / options.token_file) if options.token_file else "")
+        self._gate = TokenGate(read_token(folder / options.token_file) if options.token_file else "")
         self._status: StationStatus | None = None
         try:
             self._server = _BoundedServer((options.host, options.port or 0), self._handler())

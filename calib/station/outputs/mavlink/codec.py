@@ -16,7 +16,7 @@ from typing import Final, Literal
 
 from pymavlink.dialects.v20 import common
 
-from calib.station.outputs.mavlink.signing_time import AHEAD_S
+from calib.station.outputs.mavlink.signing_time import SIGNED_AHEAD_S
 from edge.common.errors import ConfigError
 
 SIGNING_EPOCH_S: Final = 1_420_070_400  # 2015-01-01, where MAVLink's signing time begins
@@ -98,7 +98,7 @@ class Codec(common.MAVLink):  # type: ignore[misc]  # pymavlink is untyped
         """
         self._now = ticks(now_unix_s)
         wanted = max(self._now, at_least)
-        taken_back = self.signing.timestamp - wanted > AHEAD_S * TICKS_PER_S / 2
+        taken_back = self.signing.timestamp - wanted > SIGNED_AHEAD_S * TICKS_PER_S / 2
         self.signing.timestamp = wanted if taken_back else max(self.signing.timestamp, wanted)
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:

@@ -12,8 +12,8 @@ from typing import Final
 
 CLOCK_SET_S: Final = 1_600_000_000  # 2020: an earlier clock was never set
 LEAP_S: Final = 30.0  # of the clock against the one that never leaps: half of what receivers allow a new stream
-LASTS_S: Final = 60.0  # before a leap is followed
-AHEAD_S: Final = 86_400.0  # of the clock: more than any clock that was let go by itself
+LEAP_LASTS_S: Final = 60.0  # before a leap is followed
+SIGNED_AHEAD_S: Final = 86_400.0  # of the clock: more than any clock that was let go by itself
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class SigningTime:
         if self._clock is None or not disciplined or self._leapt_s is not None:
             self._steady_s = monotonic_s
         self._clock = clock_s, monotonic_s
-        if self._signed_s > clock_s + AHEAD_S and monotonic_s - self._steady_s >= LASTS_S:
+        if self._signed_s > clock_s + SIGNED_AHEAD_S and monotonic_s - self._steady_s >= LEAP_LASTS_S:
             self._signed_s = clock_s
             self.taken_back += 1
         self._signed_s = max(self._signed_s, clock_s)
@@ -60,7 +60,7 @@ class SigningTime:
             self._leapt_s = None
             return unix_s
         self._leapt_s = monotonic_s if self._leapt_s is None else self._leapt_s
-        if monotonic_s - self._leapt_s < LASTS_S:
+        if monotonic_s - self._leapt_s < LEAP_LASTS_S:
             return expected_s
         self._leapt_s = None
         return unix_s

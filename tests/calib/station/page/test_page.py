@@ -21,8 +21,8 @@ from calib.station.page import past, wire, words
 from calib.station.page.live import Live
 from calib.station.page.process import PageProcess, available
 from calib.station.page.steps import next_step, steps
-from calib.station.status.access import SESSION_S, SHORTEST_TOKEN, Gate, read_token, session, session_holds
-from calib.station.status.attempts import FREE, MOST_REMEMBERED, Attempts, with_door
+from calib.station.status.access import SESSION_S, SHORTEST_TOKEN, TokenGate, read_token, session, session_holds
+from calib.station.status.attempts import FREE_ATTEMPTS, MOST_REMEMBERED, Attempts, with_door
 from calib.station.status.status import CameraStatus, EndpointStatus, PairStatus, StationStatus
 from edge.common.errors import ConfigError, MessageError
 from edge.messages import Health, HealthItem, NetworkMessage, Target, Targets, encode
@@ -90,7 +90,7 @@ NOW_S, HERE = 1_800_000_000.0, "192.168.7.9"
 
 
 def passes(token: str, headers: dict[str, str], query: str = "", at_s: float = NOW_S) -> bool:
-    return Gate(token).judge(headers, query, HERE, at_s) == "in"
+    return TokenGate(token).judge(headers, query, HERE, at_s) == "in"
 
 
 def test_without_a_token_only_this_machine_s_own_names_are_answered() -> None:
@@ -129,7 +129,7 @@ def test_nothing_else_passes(query: str, cookie: str, authorization: str) -> Non
 
 def test_wrong_tokens_wait_longer_each_time_and_who_has_a_session_does_not() -> None:
     """Fifteen hundred a second for an hour: a hundredth of a thousandth of them are looked at."""
-    gate, host = Gate(TOKEN), {"host": "192.168.7.1:8080"}
+    gate, host = TokenGate(TOKEN), {"host": "192.168.7.1:8080"}
     looked_at = 0
     for k in range(36_000):
         looked_at += gate.judge(host, f"token={k:016}", HERE, NOW_S + k / 10) == "refused"
@@ -146,7 +146,7 @@ def test_wrong_tokens_wait_longer_each_time_and_who_has_a_session_does_not() -> 
 
 def test_a_network_of_addresses_counts_as_one_and_what_is_remembered_is_bounded() -> None:
     attempts = Attempts()
-    for k in range(FREE):
+    for k in range(FREE_ATTEMPTS):
         attempts.failed(f"2001:db8::{k:x}", NOW_S)
     assert not attempts.may("2001:db8::ffff", NOW_S)
     for k in range(3 * MOST_REMEMBERED):

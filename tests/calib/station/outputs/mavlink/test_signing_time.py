@@ -11,7 +11,7 @@ from calib.station.config import SiteSection
 from calib.station.core.calibration import Phase
 from calib.station.outputs.mavlink.codec import ticks
 from calib.station.outputs.mavlink.output import open_output
-from calib.station.outputs.mavlink.signing_time import AHEAD_S, CLOCK_SET_S, LASTS_S, LEAP_S, SigningTime
+from calib.station.outputs.mavlink.signing_time import CLOCK_SET_S, LEAP_LASTS_S, LEAP_S, SIGNED_AHEAD_S, SigningTime
 from calib.station.outputs.output import OutputContext, StationStanding
 
 NOW_S = 1_780_000_000.0
@@ -36,7 +36,7 @@ def test_a_moment_ahead_is_not_followed(off_s: float) -> None:
 
 
 def test_a_leap_that_lasts_is_followed_and_one_back_never_signs_an_older_time() -> None:
-    found = run(SigningTime(0.0), [(10, 0.0), (2 * LASTS_S, 3600.0)])
+    found = run(SigningTime(0.0), [(10, 0.0), (2 * LEAP_LASTS_S, 3600.0)])
     assert found[-1] == pytest.approx(3600.0)
     signing = SigningTime(0.0)
     assert run(signing, [(100, 0.0), (200, -3600.0)])[-1] == pytest.approx(-100.0, abs=101)  # it stands still
@@ -79,7 +79,7 @@ def test_whatever_a_clock_does_signed_times_only_grow_but_where_that_is_told(see
                 continue
             assert said.signed_unix_s >= last_s or signing.taken_back > before
             if signing.taken_back > before:
-                assert last_s - said.signed_unix_s > AHEAD_S - 10
+                assert last_s - said.signed_unix_s > SIGNED_AHEAD_S - 10
             last_s = said.signed_unix_s
 
 
