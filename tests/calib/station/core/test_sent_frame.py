@@ -11,7 +11,7 @@ from calib.station.core.outgoing import UPPER
 from calib.station.core.positions import Positions
 from calib.station.core.station import Station
 from calib.station.core.stored_state import StoredState
-from calib.station.outputs.mavlink.messages import MavlinkContext, target_track_ecef
+from calib.station.outputs.mavlink.messages import Identity, MavlinkContext, target_track_ecef
 from edge.messages import Fix, decode, encode
 from tests.calib.station.conftest import Fed, station_for
 from tools.doubles.box_messages import Sent, fix_message, messages
@@ -68,7 +68,8 @@ def test_mavlink_and_zenoh_say_the_same() -> None:
     targets = fed.station.targets(fed.station.now_unix_ns(T0_UNIX_NS + 8 * 10**9))
     assert targets is not None
     assert position_sigma_m(targets.targets[0].covariance).min() > 1.0
-    message = target_track_ecef(fed.sent[-1][1], MavlinkContext(ORIGIN, epoch=1), True)
+    identity = Identity(156, 25, icao_first=1, icao_count=255, callsign="SKY")
+    message = target_track_ecef(fed.sent[-1][1], MavlinkContext(ORIGIN, 1, identity), True)
     assert position_sigma_m(list(message.cov)).min() > 1.0
 
 
