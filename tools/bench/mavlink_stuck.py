@@ -2,8 +2,9 @@
 
 `python -m tools.bench.mavlink_stuck`: a real base with three receivers over UDP and one on a serial line (a pseudo-
 terminal), whose far end reads for three seconds, then does not for three, and so on: what else the machine does falls
-on both alike. How far a 99th percentile means something on this machine is told by the times of reading, the odd ones
-against the even ones. Lost is what is missing in MAVLink's own sequence numbers.
+on both alike, and of what falls on a few of the times a median over all of them sees little. How far that means
+something on this machine is told by the times of reading, the odd ones against the even ones. Lost is what is missing
+in MAVLink's own sequence numbers.
 """
 
 import argparse
@@ -41,9 +42,9 @@ def measured(ears: list[Listener], seconds: float) -> list[np.ndarray]:
 
 
 def percentile(rounds: Rounds, percent: float, soonest: np.ndarray) -> np.ndarray:
-    """Of all rounds together, for each ear, behind the soonest."""
-    found = np.array([np.percentile(np.concatenate(each), percent) for each in zip(*rounds, strict=True)])
-    return np.asarray(found - soonest)
+    """The median over the rounds of each one's percentile, for each ear, behind the soonest."""
+    found = np.array([[np.percentile(each, percent) for each in ears] for ears in rounds])
+    return np.asarray(np.median(found, axis=0) - soonest)
 
 
 def report(reads: Rounds, stuck: Rounds, seconds: float) -> float:
