@@ -82,7 +82,7 @@ class Receiver(OwnThread):
         self._session = self._new_session()
         self._changed = threading.Condition()
         self._kept = KeptFix()
-        self._moves_seen = 0
+        self._moves_seen = self._carries_seen = 0
         self._fix: Fix | None = None
         self._said: Fix | None = None
         self._surveyed: Surveyed | None = None
@@ -221,10 +221,14 @@ class Receiver(OwnThread):
         return None if self._session.against else fix
 
     def _kept_fix(self, surveyed: Surveyed) -> Fix:
-        """The fix, held against those before it; a move that was seen explains why they lie elsewhere."""
-        if self._session.moves != self._moves_seen:
-            self._moves_seen = self._session.moves
+        """The fix, held against those before it; a move that was seen explains why they lie elsewhere.
+
+        What merely wandered, by centimetres maybe, explains no contradiction that was there before.
+        """
+        moves, carries = self._session.moves, self._session.carries
+        if carries != self._carries_seen or (moves != self._moves_seen and not self._kept.reason):
             self._kept.forget()
+        self._moves_seen, self._carries_seen = moves, carries
         return self._kept.take(make_fix(surveyed, self._config, self._unix_ns()))
 
     def _report_fault(self, error: PortError) -> None:

@@ -102,6 +102,7 @@ class StaticSession:
         self._provisional: deque[Reason] = deque(maxlen=CONFIRMATIONS)
         self._way = Way()
         self.moves = 0  # how often the antenna was seen to move: what was averaged before is of another place
+        self.carries = 0  # and of those how often it was seen on its whole way
         self.counts: Counter[str] = Counter()
         self.refusals: Counter[Reason] = Counter()
         self.last_refusal: Refusal | None = None
@@ -268,6 +269,7 @@ class StaticSession:
     def _carried(self, distance_m: float, arrived: int) -> None:
         """The antenna was seen on its way: only what came since it arrived is of this place."""
         self.moves += 1
+        self.carries += 1
         while len(self._window) > arrived:
             self._window.popleft()
         self._moved_until_s, self._moved = self._now_s, f"it was carried {distance_m:.1f} m"

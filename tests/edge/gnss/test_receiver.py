@@ -305,6 +305,13 @@ def test_a_base_that_is_switched_while_the_antenna_settles_is_remembered() -> No
     assert fix is not None
     assert fix.sigma_m[0] > 1.2
     assert "one of the two is false" in receiver.status().reason
+    receiver._session.moves += 1  # it wanders by centimetres: that explains no metre
+    again = gga(start + dt.timedelta(seconds=835), PLACE, np.array([16.3, 0, 0]))
+    now["s"] = 835.0
+    receiver._take(again, watch)
+    fix = receiver.fix()
+    assert fix is not None
+    assert fix.sigma_m[0] > 1.2
 
 
 def test_no_permission(tmp_path: Path) -> None:
