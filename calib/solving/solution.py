@@ -21,7 +21,6 @@ from calib.adjustment.projection import (
     RATE,
     READOUT,
     ROTATION,
-    CameraData,
     centre_of,
     site_time_s,
 )
@@ -38,6 +37,8 @@ from edge.lens import LensModel
 ROWS_PER_S: Final = 20  # of a trajectory
 SEEN_WITHIN_S: Final = 0.1  # a camera sees the object "then" if one of its rows is this near: 10 Hz cameras count
 INSIDE_SIGMAS: Final = 2.5  # a residual within the robust core
+SEES_SIGMAS: Final = 4.0  # of a row that bears a position out: beyond, its camera saw something else then
+SEES_PX: Final = 1.0  # or so near: of pixels without any noise, sigma says nothing
 
 
 @dataclass(frozen=True)
@@ -136,9 +137,20 @@ def rms_px(adjusted: Adjusted, problem: Problem) -> float:
 
 
 def _inside(adjusted: Adjusted, problem: Problem, index: int) -> NDArray[np.bool_]:
+    return _misses(adjusted, problem, index) < INSIDE_SIGMAS
+
+
+def _bears_out(adjusted: Adjusted, problem: Problem, index: int) -> NDArray[np.bool_]:
+    """Which of a camera's rows see the object where the flight has it."""
+    image = adjusted.projected[index]
+    near: NDArray[np.bool_] = image.valid & (np.linalg.norm(image.residual, axis=1) < SEES_PX)
+    return near | (_misses(adjusted, problem, index) < SEES_SIGMAS)
+
+
+def _misses(adjusted: Adjusted, problem: Problem, index: int) -> Array:
+    """(N,) how many sigmas each row of a camera is off the flight; infinite of a ray that the lens does not know."""
     image, sigma = adjusted.projected[index], adjusted.told_sigma_px(index) * problem.data[index].sigma_px
-    inside: NDArray[np.bool_] = image.valid & (np.linalg.norm(image.residual, axis=1) < INSIDE_SIGMAS * sigma)
-    return inside
+    return np.where(image.valid, np.linalg.norm(image.residual, axis=1) / sigma, np.inf)
 
 
 def camera_reports(
@@ -189,9 +201,16 @@ def weakest(adjusted: Adjusted, problem: Problem) -> tuple[str, float, tuple[flo
 
 
 def trajectory_of(adjusted: Adjusted, problem: Problem, t_mid_unix_ns: int) -> Trajectory:
-    """ROWS_PER_S rows a second wherever at least two cameras saw the object."""
+    """ROWS_PER_S rows a second wherever at least two cameras saw the object there.
+
+    A camera that saw something else, or at another time, bears no position out: where fewer than two agree with the
+    flight, it was drawn through between what they say, and its sigma knows nothing of that.
+    """
     estimate = adjusted.estimate
-    seen = [(site_time_s(camera, data), data) for camera, data in zip(estimate.cameras, problem.data, strict=True)]
+    seen = []
+    for index, (camera, data) in enumerate(zip(estimate.cameras, problem.data, strict=True)):
+        agrees = _bears_out(adjusted, problem, index)
+        seen.append((site_time_s(camera, data)[agrees], data.target[agrees]))
     step_ns = 10**9 // ROWS_PER_S
     first_row_ns = t_mid_unix_ns - t_mid_unix_ns % step_ns  # rows at whole twentieths of a UTC second
     offset_s = (first_row_ns - t_mid_unix_ns) * 1e-9
@@ -226,15 +245,15 @@ def _instants(flight: Flight, stretch: int, offset_s: float) -> Array:
 
 
 def _cameras_at(
-    t_s: Array, target: int, between: tuple[float, float], seen: list[tuple[Array, CameraData]]
+    t_s: Array, target: int, between: tuple[float, float], seen: list[tuple[Array, NDArray[np.int64]]]
 ) -> NDArray[np.int64]:
-    """(M,) how many cameras have a row of the object within SEEN_WITHIN_S of each time.
+    """(M,) how many cameras have a row of the object within SEEN_WITHIN_S of each time. seen: rows' times and targets.
 
     None before its first row in that stretch of flight or after its last: what comes then, nobody saw.
     """
     count = np.zeros(len(t_s), np.int64)
-    for site, data in seen:
-        own = np.sort(site[(data.target == target) & (site >= between[0]) & (site <= between[1])])
+    for site, of_target in seen:
+        own = np.sort(site[(of_target == target) & (site >= between[0]) & (site <= between[1])])
         if len(own):
             within = (t_s >= own[0]) & (t_s <= own[-1])
             count += within & (gap_to_nearest_s(t_s, own) <= SEEN_WITHIN_S)

@@ -42,6 +42,7 @@ class _BoundedServer(ThreadingHTTPServer):
     """A thread for each connection, so many at most, and each for so long: who asks a letter a second is ended."""
 
     daemon_threads = True
+    request_queue_size = 128  # a few slow ones more than the usual 5 would have everybody else's packets dropped
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         super().__init__(address, handler)
