@@ -49,8 +49,11 @@ class StateLock:
             os.close(descriptor)
             return self
         self._descriptor = descriptor
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        try:
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        except OSError as error:  # a full disk: it is locked all the same
+            log.warning("%s: the process's number cannot be written (%s)", self._path, error)
         return self
 
     def __exit__(
