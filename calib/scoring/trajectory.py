@@ -79,8 +79,10 @@ def evaluate(
     in_span = (t_s >= estimate.t_s[0]) & (t_s <= estimate.t_s[-1])
     R = motion.R_truth_estimate[0]
     aligned = motion.apply(kept)[0]
-    own_error = (aligned - true[0]) @ R / motion.scale[0]
-    nearest = _nearest(estimate.t_s, t_s[inside])
+    parts: tuple[Consistency, ...] = ()
+    if stated is not None:
+        own_error = (aligned - true[0]) @ R / motion.scale[0]
+        parts = consistency(own_error, stated.chosen(_nearest(estimate.t_s, t_s[inside])), t_s[inside])
     return Evaluation(
         alignment=alignment,
         timing=timing,
@@ -93,7 +95,7 @@ def evaluate(
         tilt_deg=float(np.degrees(np.arccos(np.clip(R[2, 2], -1, 1)))),
         scale=float(motion.scale[0]),
         moved_m=_three((aligned - kept[0]).mean(axis=0)),
-        consistency=consistency(own_error, stated.chosen(nearest), t_s[inside]) if stated is not None else (),
+        consistency=parts,
     )
 
 

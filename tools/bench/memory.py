@@ -22,7 +22,8 @@ from calib.station.archive.backfill import Backfill
 from edge.link.link import Link
 from edge.link.settings import LinkSettings
 from edge.link.spool import Spool, SpoolSettings
-from edge.messages import Detection, Tracks, camera_key, decode, encode
+from edge.messages import Tracks, camera_key, decode, encode
+from tools.doubles.tracks import DETECTION
 
 ENDPOINT: Final = "tcp/127.0.0.1:27448"
 KEY: Final = camera_key("field", "cam0", "tracks")
@@ -30,17 +31,6 @@ RATE_HZ: Final = 30.0
 SIZE: Final = (640, 360)  # px, of the video
 SEED: Final = 3
 PRESENCE_S: Final = 40.0  # the base is there for so long, and away for as long
-DETECTION: Final = Detection(
-    track=1,
-    u_px=640.0,
-    v_px=360.0,
-    ray_x=0.01,
-    ray_y=0.01,
-    width_px=8.0,
-    height_px=6.0,
-    score=0.9,
-    status="confirmed",
-)
 
 
 def box(folder: str, speed: float, seconds: float) -> None:

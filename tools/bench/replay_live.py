@@ -25,14 +25,12 @@ from calib.scoring.trajectory import evaluate
 from calib.station.app import main as base_station
 from calib.station.archive.replay_source import ReplaySource, open_source
 from calib.station.commands.score import read_truth, table
-from calib.station.core.outgoing import UPPER
-from edge.common.arrays import Array
 from edge.common.errors import SkyfixError
 from tools.demonstration.processes import Programs
 from tools.doubles.base import base_config
 from tools.doubles.listener import LOST, Listener, Position
 from tools.doubles.ports import free_endpoint
-from tools.doubles.truth import enu_of_ecef
+from tools.doubles.truth import sent_covariances
 
 OUTPUT: Final = Path("out") / "replay_live"
 TAIL_S: Final = 3.0  # after the last message, for what is still under way
@@ -70,16 +68,8 @@ def heard_path(positions: list[Position], origin: Origin) -> tuple[Track, Stated
     kept = [positions[k] for k in first.tolist()]
     enu = ecef_to_enu(np.array([position.ecef_m for position in kept], float), origin)
     cameras = np.array([position.cameras for position in kept], np.int64)
-    return Track(np.asarray(times[first] * 1e-9, float), enu), Stated(_covariances(kept, origin), cameras)
-
-
-def _covariances(positions: list[Position], origin: Origin) -> Array:
-    """(N, 3, 3) of position, m2, ENU."""
-    whole = np.zeros((len(positions), 6, 6))
-    whole[(slice(None), *UPPER)] = [position.covariance for position in positions]
-    ecef = whole[:, :3, :3] + np.transpose(np.triu(whole[:, :3, :3], 1), (0, 2, 1))
-    R_enu_ecef = enu_of_ecef(origin)
-    return np.asarray(R_enu_ecef @ ecef @ R_enu_ecef.T)
+    covariance = sent_covariances([position.covariance for position in kept], origin)
+    return Track(np.asarray(times[first] * 1e-9, float), enu), Stated(covariance, cameras)
 
 
 def _arguments() -> argparse.Namespace:

@@ -16,29 +16,20 @@ from contextlib import ExitStack
 from multiprocessing.synchronize import Barrier
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
 from edge.link.inbox import Inbox, Received
 from edge.link.link import Link
 from edge.link.settings import LinkSettings
-from edge.messages import Detection, Target, Targets, Tracks, camera_key, decode, encode, site_key, station_key
+from edge.messages import Target, Targets, Tracks, camera_key, decode, encode, site_key, station_key
+from tools.doubles.tracks import DETECTION
 
 FIRST_PORT: Final = 18000
 RATE_HZ: Final = 30.0
 TARGETS_HZ: Final = 10.0
 SETTLE_S: Final = 8.0  # for a hundred sessions to open and know each other
-DETECTION: Final = Detection(
-    track=1,
-    u_px=640.0,
-    v_px=360.0,
-    ray_x=0.01,
-    ray_y=0.01,
-    width_px=8.0,
-    height_px=6.0,
-    score=0.9,
-    sigma_px=0.5,
-    status="confirmed",
-)
+SEEN: Final = msgspec.structs.replace(DETECTION, sigma_px=0.5)
 TARGET: Final = Target(
     track=1,
     state="confirmed",
@@ -65,7 +56,7 @@ def tracks(seq: int) -> Tracks:
         clock_bound_s=0.001,
         size_px=(1280, 720),
         readout_s=0.01,
-        detections=[DETECTION] * 5,
+        detections=[SEEN] * 5,
     )
 
 

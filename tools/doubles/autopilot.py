@@ -1,21 +1,23 @@
 """A vehicle's autopilot on MAVLink, 1/1: it beats, and does what it is told."""
 
 import socket
-import threading
 import time
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import common
 
+from edge.common.own_thread import OwnThread
+
 POLL_S: Final = 0.1
 BEAT_S: Final = 1.0
+CLOSE_S: Final = 2.0
 
 
-class Autopilot:
+class Autopilot(OwnThread):
     """Sends to a ground station's UDP port. commands: that it was given. Use as a context manager."""
 
     def __init__(self, port: int, answers_after_s: float = 0.0) -> None:
+        super().__init__("autopilot", CLOSE_S)
         self.commands: list[int] = []
         self._to, self._answers_after_s = ("127.0.0.1", port), answers_after_s
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -23,23 +25,15 @@ class Autopilot:
         self._mav: Any = common.MAVLink(None, srcSystem=1, srcComponent=1)
         self._mav.robust_parsing = True
         self._armed = 0
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="autopilot")
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._ended.set()
-        self._thread.join()
+    def close(self) -> None:
+        """End it, and its socket with it."""
+        super().close()
         self._socket.close()
 
     def _run(self) -> None:
         beaten_s = 0.0
-        while not self._ended.is_set():
+        while not self._stop.is_set():
             if time.monotonic() - beaten_s > BEAT_S:
                 beaten_s = time.monotonic()
                 self._send(common.MAVLink_heartbeat_message(2, 3, 81 | self._armed, 0, 3, 3))
@@ -55,7 +49,7 @@ class Autopilot:
         self.commands.append(message.command)
         if message.command == common.MAV_CMD_COMPONENT_ARM_DISARM:
             self._armed = common.MAV_MODE_FLAG_SAFETY_ARMED if message.param1 else 0
-        self._ended.wait(self._answers_after_s)
+        self._stop.wait(self._answers_after_s)
         self._send(common.MAVLink_command_ack_message(message.command, common.MAV_RESULT_ACCEPTED))
 
     def _send(self, message: Any) -> None:

@@ -17,8 +17,9 @@ import msgspec
 
 from edge.link.link import Link
 from edge.link.settings import LinkSettings
-from edge.messages import Detection, Tracks, camera_key, encode, station_key
+from edge.messages import Tracks, camera_key, encode, station_key
 from tools.doubles.box_messages import SITE
+from tools.doubles.tracks import DETECTION
 
 FLOODER: Final = "evil"  # the camera that it is let in as
 CONNECTIONS: Final = 800
@@ -85,20 +86,7 @@ def questions(target: str, until_s: float) -> None:
 
 def detections(target: str, until_s: float) -> None:
     """Valid frames."""
-    seen = [
-        Detection(
-            track=k + 1,
-            u_px=100.0 + 20 * k,
-            v_px=500.0,
-            ray_x=0.0,
-            ray_y=0.0,
-            width_px=8.0,
-            height_px=8.0,
-            score=0.9,
-            status="confirmed",
-        )
-        for k in range(DETECTIONS)
-    ]
+    seen = [msgspec.structs.replace(DETECTION, track=k + 1, u_px=100.0 + 20 * k) for k in range(DETECTIONS)]
     honest = Tracks(
         t_unix_ns=0, seq=0, epoch=1, clock_bound_s=1e-3, size_px=(1920, 1080), readout_s=0.0, detections=seen
     )

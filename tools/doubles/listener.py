@@ -13,14 +13,16 @@ import time
 from collections import Counter
 from functools import cache
 from pathlib import Path
-from types import ModuleType, TracebackType
-from typing import Any, Final, NamedTuple, Self
+from types import ModuleType
+from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import common
 
+from edge.common.own_thread import OwnThread
 from tools.make_dialect import XML, generate
 
 POLL_S: Final = 0.1  # s between looks at whether to stop
+CLOSE_S: Final = 2.0
 LARGEST: Final = 65536  # bytes of a UDP datagram
 LOST: Final = 4  # TRACK_STATE_LOST: a farewell, not a position
 SINCE_2015_S: Final = 1_420_070_400  # UTC s at which signatures begin to count, in ticks of 10 us
@@ -43,11 +45,12 @@ class Position(NamedTuple):
     covariance: tuple[float, ...]
 
 
-class Listener:
+class Listener(OwnThread):
     """Receives in a thread of its own. Use as a context manager."""
 
     def __init__(self, port: int = 0, *, key: bytes | None = None, but_system: int = -1) -> None:
         """port: 0 for any. key: as stock pymavlink verifies, told the time now. but_system: counted as "others"."""
+        super().__init__("mavlink-listener", CLOSE_S)
         # One map for both: the standard messages, and the private ones as the XML defines them.
         common.mavlink_map.update(_dialect().mavlink_map)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -62,8 +65,6 @@ class Listener:
         self._positions: list[Position] = []
         self._counts: Counter[str] = Counter()
         self._datagrams: list[bytes] = []
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="mavlink-listener")
 
     @property
     def port(self) -> int:
@@ -109,15 +110,9 @@ class Listener:
         with self._came:
             return self._came.wait_for(lambda: len(self._positions) >= positions, within_s)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
+    def close(self) -> None:
+        """End it, and its socket with it."""
+        super().close()
         self._socket.close()
 
     def _run(self) -> None:

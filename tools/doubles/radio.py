@@ -4,25 +4,27 @@ import contextlib
 import os
 import threading
 import tty
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
+
+from edge.common.own_thread import OwnThread
 
 POLL_S: Final = 0.02  # s between looks at what came
+CLOSE_S: Final = 2.0
 PIECE: Final = 1 << 16  # bytes read or written at once
 
 
-class Radio:
+class Radio(OwnThread):
     """A pseudo-terminal that is read by a thread of its own. Use as a context manager."""
 
     def __init__(self) -> None:
+        super().__init__("radio", CLOSE_S)
         self._near, self._far = os.openpty()
         tty.setraw(self._far)
         for end in (self._near, self._far):
             os.set_blocking(end, False)
         self.device = os.ttyname(self._far)
-        self._reads, self._ended = threading.Event(), threading.Event()
+        self._reads = threading.Event()
         self._reads.set()
-        self._thread = threading.Thread(target=self._run, name="radio")
 
     def stick(self) -> None:
         """Read no more; the line is full from now on, with nothing that means anything."""
@@ -35,20 +37,14 @@ class Radio:
         """Read again."""
         self._reads.set()
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._ended.set()
-        self._thread.join()
+    def close(self) -> None:
+        """End it, and the line with it."""
+        super().close()
         os.close(self._near)
         os.close(self._far)
 
     def _run(self) -> None:
-        while not self._ended.wait(POLL_S):
+        while not self._stop.wait(POLL_S):
             with contextlib.suppress(BlockingIOError):
                 if self._reads.is_set():
                     os.read(self._near, PIECE)

@@ -12,6 +12,18 @@ from edge.messages import Detection, Tracks
 
 SIZE_PX = (12.0, 8.0)  # of every object: what a drone of half a metre is at 60 m
 SCORE = 0.9  # a detector that is sure of it
+# Of anything: what it says is looked at by nobody, only how much it is.
+DETECTION = Detection(
+    track=1,
+    u_px=640.0,
+    v_px=360.0,
+    ray_x=0.01,
+    ray_y=0.01,
+    width_px=8.0,
+    height_px=6.0,
+    score=SCORE,
+    status="confirmed",
+)
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,14 @@ metres off and says so is honest; one that is centimetres off and claims millime
 """
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from calib.geodesy import Origin, ecef_to_enu
-from calib.station.core.outgoing import UPPER
+from calib.geodesy import Origin, R_ecef_enu, ecef_to_enu
+from calib.station.archive.flown_file import POSITION
 from tools.doubles.box import lap_of
 from tools.doubles.heard import Sent
 
@@ -40,7 +41,6 @@ class Truth:
         self._paths = [np.loadtxt(f, delimiter=",", skiprows=1) for f in sorted((tracks / "truth").glob("*.csv"))]
         self._start_s = start_unix_s
         self._began_s, self._lap_s = (ns * 1e-9 for ns in lap_of(tracks))
-        self._turn = enu_of_ecef(self._origin)
 
     def errors(self, sent: list[Sent]) -> list[Error]:
         """Of every confirmed target, to the nearest object; the first seconds of each lap are left out."""
@@ -56,14 +56,11 @@ class Truth:
         position = ecef_to_enu(np.array([target.ecef_m]), self._origin)[0]
         there = np.array([[np.interp(t_s, path[:, 0], path[:, axis]) for axis in (1, 2, 3)] for path in self._paths])
         error = position - there[np.argmin(np.linalg.norm(there - position, axis=1))]
-        whole = np.zeros((6, 6))
-        whole[UPPER] = target.covariance
-        covariance = whole[:3, :3] + np.triu(whole[:3, :3], 1).T
-        turned = self._turn @ covariance @ self._turn.T
+        (turned,) = sent_covariances([target.covariance], self._origin)
         return float(np.linalg.norm(error)), float(error @ np.linalg.solve(turned, error))
 
 
-def enu_of_ecef(origin: Origin) -> Array:
-    """(3, 3): turns ECEF vectors into ENU ones."""
-    base = ecef_to_enu(np.zeros((1, 3)), origin)[0]
-    return np.asarray(ecef_to_enu(np.eye(3), origin) - base, float).T
+def sent_covariances(upper: Sequence[Sequence[float]], origin: Origin) -> Array:
+    """(N, 3, 3) of position, m2, ENU, of what N messages say: upper triangles of 6 x 6, ECEF, row by row."""
+    R = R_ecef_enu(origin)
+    return np.asarray(R.T @ np.array(upper, float)[:, POSITION] @ R)

@@ -1,5 +1,6 @@
 """Another network in flight: targets keep their numbers, and nothing that was learnt of the cameras is forgotten."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,14 @@ def kind_of(name: str) -> Kind:
     return kind
 
 
+def followed(tracker: Tracker, kind: Kind, scene: Scene) -> Iterator[float]:
+    """Has the tracker follow a scene; s since its beginning, after each frame."""
+    for frame in frames_of(kind, scene):
+        tracker.observe(frame)
+        tracker.advance(tracker.newest_s)
+        yield (frame.t_unix_ns - T0_UNIX_NS) * 1e-9
+
+
 def numbers(tracker: Tracker, scene: Scene) -> list[int]:
     """The number of the target nearest to each object."""
     now_s = tracker.newest_s
@@ -33,10 +42,7 @@ def test_targets_keep_their_numbers_also_those_of_one_camera_alone(blind_at_exch
     kind = kind_of("one camera alone for 5 s")
     scene, exchanged = scene_of(kind, SEED), False
     tracker, before = Tracker(scene.network), list[int]()
-    for frame in frames_of(kind, scene):
-        tracker.observe(frame)
-        tracker.advance(tracker.newest_s)
-        t_s = (frame.t_unix_ns - T0_UNIX_NS) * 1e-9
+    for t_s in followed(tracker, kind, scene):
         if not before and t_s > 4:
             before = numbers(tracker, scene)
         if not exchanged and t_s > (8.5 if blind_at_exchange else 4.5):
@@ -51,9 +57,8 @@ def test_what_was_learnt_of_pixels_that_stay_wrong_counts_under_the_next_network
     kind = kind_of("errors that last 1.5 s")
     scene = scene_of(kind, SEED)
     tracker = Tracker(scene.network)
-    for frame in frames_of(kind, scene):
-        tracker.observe(frame)
-        tracker.advance(tracker.newest_s)
+    for _ in followed(tracker, kind, scene):
+        pass
     tracker.exchange(replace(scene.network, t_mid_unix_ns=T0_UNIX_NS + LATER_NS))
     first = tracker.estimates(tracker.newest_s)
     tracker.advance(tracker.newest_s + 0.2)  # by which what was learnt is looked at
@@ -69,10 +74,8 @@ def test_what_one_camera_alone_sees_ends_with_the_belief_in_it(ended_by: str) ->
     kind = kind_of("one camera alone for 5 s")
     scene = scene_of(kind, SEED)
     tracker = Tracker(scene.network)
-    for frame in frames_of(kind, scene):
-        tracker.observe(frame)
-        tracker.advance(tracker.newest_s)
-        if (frame.t_unix_ns - T0_UNIX_NS) * 1e-9 > 8.5:
+    for t_s in followed(tracker, kind, scene):
+        if t_s > 8.5:
             break
     assert tracker.alone == 3
     farewells = tracker.dismiss() if ended_by == "dismissed" else tracker.distrust("cam3", 0.01)
