@@ -11,14 +11,12 @@ from typing import Final
 import msgspec
 import zenoh
 
+from edge.common.allowances import Allowances
 from edge.link.inbox import Inbox, Received
 from edge.link.profile import MAX_MESSAGE_BYTES
 
 MAX_RATE_HZ: Final = 1000.0  # messages a second and key: a 30 Hz recording played at 30 times its speed
 BURST: Final = 2000.0  # messages a key may send at once: what a link held back while it was cut
-MAX_KEYS: Final = 4096  # remembered; all are forgotten when there are more, which only a flood of keys does
-
-
 QUESTIONS_HZ: Final = 100.0  # for late joiners' state, from all: a hundred boxes ask once in five seconds each
 QUESTIONS_BURST: Final = 400.0  # all of them at once, after a base has started anew
 
@@ -32,31 +30,12 @@ class ReceptionCounters(msgspec.Struct, frozen=True, kw_only=True):
     unanswered: int = 0  # questions beyond what all together may ask
 
 
-class Allowances:
-    """A token bucket for each key. Pure: time is handed in."""
-
-    def __init__(self, rate_hz: float = MAX_RATE_HZ, burst: float = BURST, max_keys: int = MAX_KEYS) -> None:
-        self._rate_hz = rate_hz
-        self._burst = burst
-        self._max_keys = max_keys
-        self._left: dict[str, tuple[float, float]] = {}  # key: messages still allowed, and when that was so
-
-    def take(self, key: str, now_s: float) -> bool:
-        """Whether this key may send one more message now."""
-        left, since_s = self._left.get(key, (self._burst, now_s))
-        left = min(self._burst, left + (now_s - since_s) * self._rate_hz)
-        if len(self._left) >= self._max_keys and key not in self._left:
-            self._left.clear()
-        self._left[key] = (left - 1 if left >= 1 else left, now_s)
-        return left >= 1
-
-
 class Reception:
     """Admits samples to inboxes. Called from Zenoh's threads: it only counts and puts."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._allowances = Allowances()
+        self._allowances = Allowances(MAX_RATE_HZ, BURST)
         self._questions = Allowances(QUESTIONS_HZ, QUESTIONS_BURST)
         self._received = self._oversize = self._over_rate = self._unanswered = 0
 

@@ -21,6 +21,7 @@ from calib.observations import Frame
 from calib.station.core.ranges import Ranges
 from calib.station.core.sequence import Sequence
 from calib.station.core.stream_clock import AHEAD_S, StreamClock
+from edge.common.allowances import Allowances
 from edge.common.errors import LensError, MessageError
 from edge.common.health import Check
 from edge.common.units import NS
@@ -55,23 +56,6 @@ Run = tuple[int | None, int | None]
 
 
 @dataclass
-class ByteBudget:
-    """What one camera may send: a flood of it must not cost the others, so what is beyond is not even decoded."""
-
-    left: float = BURST_BYTES
-    last_ns: int | None = None
-
-    def takes(self, size: int, now_ns: int) -> bool:
-        """Whether a message of so many bytes is within it now."""
-        passed_s = 0.0 if self.last_ns is None else max(now_ns - self.last_ns, 0) / NS
-        self.left, self.last_ns = min(BURST_BYTES, self.left + passed_s * MOST_BYTES_HZ), now_ns
-        if size > self.left:
-            return False
-        self.left -= size
-        return True
-
-
-@dataclass
 class CameraIntake:
     """What is known of one camera from its own messages. Times are of the arrival clock unless they say unix."""
 
@@ -94,7 +78,6 @@ class CameraIntake:
     since: tuple[int, int] = (0, 0)  # epoch and number of the first frame by the clock as it is set now
     numbers: dict[int, Ranges] = field(default_factory=dict)  # those that came, by epoch; only where late rows count
     detections: float = 0.0  # a frame, smoothed
-    budget: ByteBudget = field(default_factory=ByteBudget)
     counters: Counter[str] = field(default_factory=Counter)
     faults: dict[str, tuple[str, str, int]] = field(default_factory=dict)  # name: reason, action, when
 
@@ -182,6 +165,8 @@ class Intake:
         self.cameras = {camera: CameraIntake(camera) for camera in cameras}
         self.clock = StreamClock()
         self.strangers: Counter[str] = Counter()
+        # A flood of one camera must not cost the others, so what is beyond is not even decoded.
+        self._bytes = Allowances(MOST_BYTES_HZ, BURST_BYTES)
         self._where = where
         self._late_rows_count = late_rows_count
         self._arrivals_are_real = arrivals_are_real
@@ -196,7 +181,7 @@ class Intake:
 
     def frame(self, camera: CameraIntake, payload: bytes, now_ns: int) -> Frame | None:
         """A frame's measurements, or None if it is refused."""
-        if self._arrivals_are_real and not camera.budget.takes(len(payload), now_ns):
+        if self._arrivals_are_real and not self._bytes.take(camera.id, now_ns * 1e-9, len(payload)):
             fault = f"it sends more than {MOST_BYTES_HZ / 1e6:g} MB a second; the rest is left out"
             camera.fault("too_much", fault, "look at its picture and detector; restart the box", now_ns)
             return None

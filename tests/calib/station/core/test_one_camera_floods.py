@@ -4,7 +4,8 @@ import random
 
 import msgspec
 
-from calib.station.core.intake import BURST_BYTES, MOST_BYTES_HZ, ByteBudget
+from calib.station.core.intake import BURST_BYTES, MOST_BYTES_HZ
+from edge.common.allowances import Allowances
 from edge.messages import Tracks, encode
 from tests.calib.station.conftest import Fed, station_for
 from tools.doubles.box_messages import tracks_messages
@@ -40,16 +41,16 @@ def test_others_positions_are_the_same_and_the_flood_is_named() -> None:
 
 def test_no_sequence_of_sizes_gets_more_than_its_share() -> None:
     draw = random.Random(3)
-    budget, now_ns, taken = ByteBudget(), 0, 0
+    budget, now_ns, taken = Allowances(MOST_BYTES_HZ, BURST_BYTES), 0, 0
     for _ in range(5000):
         now_ns += draw.choice([0, 1, 10**6, 10**8])
         size = draw.choice([1, 300, 20_000, 300_000, 1 << 20])
-        taken += size * budget.takes(size, now_ns)
+        taken += size * budget.take("cam0", now_ns / NS, size)
     assert taken <= BURST_BYTES + MOST_BYTES_HZ * now_ns / NS
 
 
 def test_an_honest_camera_is_never_near_it() -> None:
     """A hundred frames a second of thirty objects, after a cut of a second."""
-    budget = ByteBudget()
-    assert all(budget.takes(30 * 280, 0) for _ in range(100))
-    assert all(budget.takes(30 * 280, (1 + k) * NS // 100) for k in range(3000))
+    budget = Allowances(MOST_BYTES_HZ, BURST_BYTES)
+    assert all(budget.take("cam0", 0.0, 30 * 280) for _ in range(100))
+    assert all(budget.take("cam0", (1 + k) / 100, 30 * 280) for k in range(3000))
