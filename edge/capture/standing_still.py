@@ -16,6 +16,7 @@ log = logging.getLogger(__name__)
 SAMPLED_EVERY: Final = 16  # rows, looked at first
 EVEN_PERCENTILES: Final = (5, 95)
 EVEN_RANGE: Final = 4  # steps between them, without which a picture is even, and no two of it can be told apart
+REPEATS_ALLOWED: Final = 2  # in a row, of a recording: 15 frames a second, or 24, written as 30
 CALIBRATION_S: Final = 4.0  # s: the longest a shutter is closed; standing still for longer is a dead camera
 
 
@@ -30,7 +31,7 @@ class StandingStill:
 
     def repeats(self, image: Any, arrival_ns: int) -> bool:
         """Whether a picture is the one before. Raises SourceError once that lasted longer than any calibration."""
-        if not self._same(image):
+        if not is_same(self._last, image):
             if self._since_ns is not None and (still_s := (arrival_ns - self._since_ns) / 1e9) > 0.2:
                 log.info("%s: the picture stood still for %.1f s, as at a shutter's calibration", self._path, still_s)
             self._last, self._since_ns = image, None
@@ -44,11 +45,31 @@ class StandingStill:
             )
         return True
 
-    def _same(self, image: Any) -> bool:
-        if self._last is None or self._last.shape != image.shape:
-            return False
-        rows = image[::SAMPLED_EVERY]
-        if not np.array_equal(self._last[::SAMPLED_EVERY], rows):
-            return False
-        low, high = np.percentile(rows, EVEN_PERCENTILES)  # black is black again
-        return bool(high - low >= EVEN_RANGE) and np.array_equal(self._last, image)
+
+def is_same(before: Any, image: Any) -> bool:
+    """Whether a picture is the one before, None for none. An even one never is: black is black again."""
+    if before is None or before.shape != image.shape:
+        return False
+    rows = image[::SAMPLED_EVERY]
+    if not np.array_equal(before[::SAMPLED_EVERY], rows):
+        return False
+    low, high = np.percentile(rows, EVEN_PERCENTILES)
+    return bool(high - low >= EVEN_RANGE) and np.array_equal(before, image)
+
+
+class Repeats:
+    """Pictures of a recording that are the one before again: where a recorder hung, or a decoder did nothing.
+
+    One or two in a row are what a change of the frame rate makes of a video.
+    """
+
+    def __init__(self) -> None:
+        self._last: Any = None
+        self._run = 0
+
+    def goes_on(self, image: Any) -> bool:
+        """Whether a picture is one more of a row that stands still."""
+        same = is_same(self._last, image)
+        self._last = image
+        self._run = self._run + 1 if same else 0
+        return self._run > REPEATS_ALLOWED

@@ -17,6 +17,8 @@ from edge.capture.decoding import DEEP_GREY_ARGS, TRIED_GRABS, fourcc, opened, p
 from edge.capture.file_times import RATES_ALIKE, FileTimes, carry_times, has_no_container, usual_interval_s
 from edge.capture.frame import Image, Picture, Remark
 from edge.capture.grey import Contrast, as_wanted
+from edge.capture.packets import PacketWitness
+from edge.capture.standing_still import Repeats
 from edge.common.errors import SourceError
 
 log = logging.getLogger(__name__)
@@ -27,6 +29,12 @@ SHORT_END_SHARE: Final = 0.02  # and this share of its length
 SAMPLED_ROWS: Final = 16  # one row in so many tells whether a picture is the one before
 DOUBTED_REPEATS: Final = 2  # pictures equal to the one before that are decoded again by themselves, early in a file
 DOUBTED_WITHIN: Final = 150  # frames: decoding up to a later one would take too long
+STANDS_STILL: Final = "are the one before again"
+# What is left out, and what to do. A decoder that gives up on interlaced video leaves the last picture as it was.
+LEFT_OUT_ACTION: Final = (
+    "its recorder hung or began anew there: give each part its own file, and its own lens if the size is another; if it"
+    " is interlaced: ffmpeg -i FILE -vf yadif -c:v libx264 -crf 14 NEW.mp4"
+)
 
 
 class VideoFile:
@@ -85,6 +93,10 @@ class VideoFile:
 
     def _begin(self, t0_unix_ns: int) -> None:
         self._capture = opened(self._path)
+        self._packets = PacketWitness(self._path)
+        self._stills = Repeats()
+        self._unfit = ""
+        self._left_out: dict[str, tuple[int, float]] = {}  # why: how many pictures, and from which second on
         if self._raw:
             self._capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
         self._times = FileTimes(self._fps, usual_interval_s(self._probe.first_ms), self._length_s())
@@ -127,7 +139,7 @@ class VideoFile:
             if not self._loop:
                 return None
             self._segment += 1
-            self._capture.release()
+            self.close()
             self._begin(self._t0_unix_ns + self._times.next_ns)
             return self.grab()
         at_ms, pts = self._capture.get(cv2.CAP_PROP_POS_MSEC), self._capture.get(cv2.CAP_PROP_PTS)
@@ -135,6 +147,7 @@ class VideoFile:
         self._end_ms = max(self._end_ms, at_ms, pts / rate * 1e3 if rate > 0 else 0.0)
         known = not (at_ms == 0.0 and pts == self._last_pts)  # 0 is also what a frame without a time has
         self._last_pts = pts
+        self._unfit = self._packets.why_not(pts)
         breaks = len(self._times.breaks)
         t_unix_ns = self._t0_unix_ns + self._times.next(at_ms, known=known)
         if len(self._times.breaks) > breaks:
@@ -177,6 +190,8 @@ class VideoFile:
         length_s, end_s = self._times.length_s, max(self._end_ms / 1e3, self._times.next_ns / 1e9)
         if self._fps is None and length_s - end_s > max(SHORT_END_S, SHORT_END_SHARE * length_s):
             said.append(f"it ends at {end_s:.1f} s of the {length_s:.1f} s that it says it has")
+        for why, (count, first_s) in self._left_out.items():
+            self._remark(f"{count} pictures from {first_s:.1f} s on {why}: they are left out", LEFT_OUT_ACTION)
         if said:
             self._remark("; ".join(said), "it is damaged or was cut: take another copy")
 
@@ -186,13 +201,23 @@ class VideoFile:
 
     def retrieve(self, t_unix_ns: int) -> Picture | None:
         """The frame last grabbed; None where it cannot be decoded."""
+        if self._unfit:
+            self._leave_out(self._unfit, t_unix_ns)
+            return None
         ok, image = retrieve_luma(self._capture) if self._raw else self._capture.retrieve()
         if not ok:
             self._lost += 1
             return None
         self._doubt_repeats(image)
+        if self._stills.goes_on(image):
+            self._leave_out(STANDS_STILL, t_unix_ns)
+            return None
         bound_s = self._bound_s if self._times.bounded else None
         return Picture(t_unix_ns, self._eight_bits(image), "file", bound_s, self._segment)
+
+    def _leave_out(self, why: str, t_unix_ns: int) -> None:
+        count, first_s = self._left_out.get(why, (0, (t_unix_ns - self._t0_unix_ns) / 1e9))
+        self._left_out[why] = count + 1, first_s
 
     def _eight_bits(self, image: Any) -> Image:
         return as_wanted(self._stretch.apply(image) if self._probe.deep else image, colour=self._colour)
@@ -211,3 +236,4 @@ class VideoFile:
     def close(self) -> None:
         """Close the file."""
         self._capture.release()
+        self._packets.close()
