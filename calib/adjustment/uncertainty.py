@@ -55,15 +55,15 @@ def curved(covariance: Array, points: Array, middle: Array) -> Array:
     """Covariance (N, 3, 3) of points (N, 3), as wide along the line of sight as the inverse of the distance allows.
 
     middle: (3,) of the cameras. With s one sigma of the distance as a share of it, the inverse distance at SURE_SIGMAS
-    is 1 - SURE_SIGMAS s of what it is, and the distance beyond by so much; infinite where that is nothing.
+    is 1 - SURE_SIGMAS s of what it is, and the distance beyond by so much; infinite where that is nothing. What lacks is
+    added and nothing is turned: where the least certain direction is another than the line of sight, it stays in it.
     """
     sight = points - middle
     distance = np.linalg.norm(sight, axis=1)
     sight = sight / distance[:, None]
-    share = np.sqrt(np.einsum("ni,nij,nj->n", sight, covariance, sight)) / distance
-    wider = 1 / np.maximum(1 - SURE_SIGMAS * share, 1 / WIDEST) - 1
-    stretch = np.eye(3) + wider[:, None, None] * sight[:, :, None] * sight[:, None, :]
-    total: Array = stretch @ covariance @ stretch
+    variance = np.einsum("ni,nij,nj->n", sight, covariance, sight)
+    times = 1 / np.maximum(1 - SURE_SIGMAS * np.sqrt(variance) / distance, 1 / WIDEST)
+    total: Array = covariance + ((times**2 - 1) * variance)[:, None, None] * sight[:, :, None] * sight[:, None, :]
     return total
 
 

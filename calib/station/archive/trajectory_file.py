@@ -1,7 +1,9 @@
 """trajectory.csv: where the objects were, in every frame that somebody may want it in (deploy/CONTRACTS.md).
 
-The hazard is a file of numbers that nobody can place a year later. So a line above the header says about which origin
+One hazard is a file of numbers that nobody can place a year later. So a line above the header says about which origin
 its local frame is, which program wrote it, and from what. No time of writing: the same input gives the same bytes.
+Another is rounding: an uncertainty of seventy metres along a ray and a decimetre across it is no covariance any more
+when its entries are cut to four digits. It keeps nine.
 """
 
 from pathlib import Path
@@ -26,8 +28,8 @@ def write_trajectory(trajectory: Trajectory, origin: Origin, source: str, path: 
     covariance = trajectory.covariance_enu
     sigma, mixed = np.sqrt(np.einsum("nii->ni", covariance)), covariance[:, [0, 0, 1], [1, 2, 2]]
     rows = [
-        f"{t},{track},{x:.4f},{y:.4f},{z:.4f},{e:.4f},{n:.4f},{u:.4f},{se:.4f},{sn:.4f},{su:.4f},{cameras},"
-        f"{lat:.9f},{lon:.9f},{height:.4f},{en:.3e},{eu:.3e},{nu:.3e}"
+        f"{t},{track},{x:.4f},{y:.4f},{z:.4f},{e:.4f},{n:.4f},{u:.4f},{se:.8g},{sn:.8g},{su:.8g},{cameras},"
+        f"{lat:.9f},{lon:.9f},{height:.4f},{en:.8e},{eu:.8e},{nu:.8e}"
         for t, track, (x, y, z), (e, n, u), (se, sn, su), cameras, (lat, lon, height), (en, eu, nu) in zip(
             trajectory.t_unix_ns.tolist(),
             trajectory.track.tolist(),
