@@ -77,7 +77,10 @@ class Answer:
 
 @dataclass(frozen=True)
 class Job:
-    """A scene to solve. keep: folder to leave it in, or None. case: a scene file instead of one that is drawn."""
+    """A scene to solve. keep: folder to leave it in, or None. case: a scene file instead of one that is drawn.
+
+    number: of the scene of its kind, or of the file's trial.
+    """
 
     kind: str
     number: int
@@ -91,7 +94,7 @@ class Job:
 def judge(job: Job) -> Answer:
     """Draw, solve and judge one scene."""
     logging.disable(logging.WARNING)
-    brought = brought_from(job.case) if job.case else draw(job.kind, job.split, job.seed, job.number)
+    brought = brought_from(job.case, job.number) if job.case else draw(job.kind, job.split, job.seed, job.number)
     answered = partial(
         Answer,
         kind=job.kind,
@@ -265,6 +268,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--csv", type=Path, metavar="FILE", help="one row a scene")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="leave the track folders there")
     parser.add_argument("--cases", type=Path, metavar="FOLDER", help="the scene files of a folder instead")
+    parser.add_argument("--trials", type=int, default=1, metavar="N", help="of each of those files (1)")
     parser.add_argument("--list", action="store_true", help="the kinds, and nothing else")
     return parser.parse_args(argv)
 
@@ -272,7 +276,8 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
 def _jobs(asked: argparse.Namespace, kinds: list[str]) -> list[Job]:
     given = {"split": asked.split, "seed": asked.seed, "limit_s": asked.limit, "keep": asked.keep}
     if asked.cases:
-        return [Job(kind=path.stem, number=0, case=path, **given) for path in sorted(asked.cases.glob("*.toml"))]
+        files, trials = sorted(asked.cases.glob("*.toml")), range(asked.trials)
+        return [Job(kind=path.stem, number=trial, case=path, **given) for path in files for trial in trials]
     plan = planned(kinds, asked.scenes) if asked.number is None else [(kind, asked.number) for kind in kinds]
     return [Job(kind=kind, number=number, **given) for kind, number in plan]
 
