@@ -55,8 +55,8 @@ def curved(covariance: Array, points: Array, middle: Array) -> Array:
     """Covariance (N, 3, 3) of points (N, 3), as wide along the line of sight as the inverse of the distance allows.
 
     middle: (3,) of the cameras. With s one sigma of the distance as a share of it, the inverse distance at SURE_SIGMAS
-    is 1 - SURE_SIGMAS s of what it is, and the distance beyond by so much; infinite where that is nothing. What lacks is
-    added and nothing is turned: where the least certain direction is another than the line of sight, it stays in it.
+    is 1 - SURE_SIGMAS s of what it is, and the distance beyond by so much; infinite where that is nothing. What lacks
+    is added and nothing is turned: a least certain direction that is not the line of sight stays as uncertain.
     """
     sight = points - middle
     distance = np.linalg.norm(sight, axis=1)

@@ -19,7 +19,7 @@ from calib.solving.series import TrackSeries
 
 CONFIRMED_BY: Final = 2  # cameras that tie another one firmly before the pairs left are spared
 LONG_ENOUGH_S: Final = 40.0  # an ordinary flight's clocks can be told from so much in common
-CONTRADICTED: Final = 20.0  # log likelihood by which tracks contradict a stated clock: beyond any doubt of its box
+CONTRADICTED: Final = 20.0  # log likelihood by which tracks contradict stamps: beyond any doubt
 MEETS_S: Final = 3.0  # in common as stamped: enough to adjust a clock that nobody has reason to doubt
 SAME_S: Final = 1.0  # of two clocks that nobody vouches for: phones on a network are alike to that
 STATED_SCORE: Final = 1.0  # of stamps that are vouched for and that the tracks say nothing about
@@ -183,7 +183,7 @@ def _off(tied: Tied | None, site: SiteCamera, tracks: list[TrackSeries]) -> bool
 def _says_nothing(alignment: Alignment) -> bool:
     """Whether a pair's tracks fit at the stamps as they are, and nowhere better."""
     best = max((candidate.score for candidate in alignment.candidates), default=0.0)
-    return alignment.as_stamped is not None and alignment.as_stamped > -CLEAR_SCORE and best < CLEAR_SCORE
+    return alignment.as_stamped is not None and alignment.as_stamped > -CONTRADICTED and best < CLEAR_SCORE
 
 
 def _tested(name: str, tracks: dict[str, list[TrackSeries]], pairs: Pairs) -> str:

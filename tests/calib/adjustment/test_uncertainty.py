@@ -12,8 +12,8 @@ MIDDLE = np.array([5.0, -3.0, 1.0])
 
 @given(seed=st.integers(0, 2**32 - 1), longest_m=st.floats(0.1, 300.0))
 def test_nothing_becomes_surer_than_the_tangent_has_it(seed, longest_m):
-    """Where the least certain direction is no line of sight, its ellipsoid must not be turned away from it: one of three
-    heights above sea level leaves a tilt open, and every true position then lay beside a needle along the sight."""
+    """One of three heights above sea level leaves a tilt open, which is no line of sight: the ellipsoid was turned away
+    from it, and every true position then lay beside a needle."""
     random = np.random.default_rng(seed)
     axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
     covariance = (axes * np.array([0.1, 0.3, longest_m]) ** 2) @ axes.T
@@ -24,7 +24,7 @@ def test_nothing_becomes_surer_than_the_tangent_has_it(seed, longest_m):
 
 
 def test_the_distance_reaches_as_far_as_its_inverse_may():
-    """A tenth of the distance at one sigma: at four its inverse is six tenths, and the distance beyond by two thirds."""
+    """A tenth of the distance at one sigma: at four its inverse is six tenths, the distance beyond by two thirds."""
     sight = np.array([0.0, 0.6, 0.8])
     covariance = 10.0**2 * np.outer(sight, sight) + 0.1**2 * np.eye(3)
     wide = curved(covariance[None], (MIDDLE + 100 * sight)[None], MIDDLE)[0]

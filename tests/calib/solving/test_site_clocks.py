@@ -81,15 +81,16 @@ def test_stamps_hours_off_are_moved_and_put_back() -> None:
     assert spread < 1.0
 
 
-def test_a_regular_orbit_says_nothing_of_the_clocks_and_the_stamps_stand() -> None:
+@pytest.mark.parametrize("seed", [5, 10, 12, 33, 34])
+def test_a_regular_orbit_says_nothing_of_the_clocks_and_the_stamps_stand(seed: int) -> None:
     angle = [k * pi / 12 for k in range(93)]
     around = tuple((40 * cos(a), 40 * sin(a), 45 + 4 * sin(2 * a)) for a in angle)
     cameras = tuple(
         CameraSpec(id=f"cam{k}", centre_enu=CAMERAS[k], look_at_enu=(0.0, 0.0, 40.0), frame_rate_hz=10.0, noise_px=0.7)
-        for k in range(3)
+        for k in range(4)
     )
     found = clocks_of(
-        prepared(Simulation(seed=5, object=(ObjectSpec(waypoints_enu=around),), camera=cameras, duration_s=90.0))
+        prepared(Simulation(seed=seed, object=(ObjectSpec(waypoints_enu=around),), camera=cameras, duration_s=90.0))
     )
     assert {own.origin for own in found.values()} == {Origin.ASSUMED}
 

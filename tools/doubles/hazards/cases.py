@@ -9,7 +9,7 @@ from tools.doubles.hazards.brought import Brought, Fault
 
 
 def brought_from(path: Path, trial: int = 0) -> Brought:
-    """The scene of a TOML file with the errors of a trial; healthy is not known. Raises ConfigError naming file and key."""
+    """The scene of a TOML file with a trial's errors; healthy is not known. Raises ConfigError naming file and key."""
     simulation = load(path)
     moved = tuple(camera.id for camera in simulation.camera if camera.bump)
     stepped = tuple(camera.id for camera in simulation.camera if camera.clock_step)
