@@ -92,7 +92,8 @@ class Network:
 
     origin: latitude deg, longitude deg, ellipsoidal height m of the ENU frame. t_mid_unix_ns: epoch of the clock
     rates. covariance: (6 C, 6 C) joint covariance, per camera a rotation vector (rad; R = exp(rotation) R_cam_enu) and
-    the centre (m). rms_px: of the inlier residuals. frame: what the survey's coordinates are called.
+    the centre (m). rms_px: of the inlier residuals. frame: what the survey's coordinates are called. rests_on: cameras
+    whose own claims of place, lens and clock no other camera checks, and without which all would be far less certain.
     """
 
     site: str
@@ -102,6 +103,7 @@ class Network:
     covariance: Array
     rms_px: float
     frame: str = "WGS 84"
+    rests_on: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         size = POSE_SIZE * len(self.cameras)
@@ -168,6 +170,7 @@ def to_toml(network: Network) -> str:
         "t_mid_unix_ns": network.t_mid_unix_ns,
         "rms_px": network.rms_px,
         "frame": network.frame,
+        "rests_on": list(network.rests_on),
         "covariance": network.covariance.tolist(),
     }
     return tomli_w.dumps({"network": head, "camera": cameras})
@@ -188,6 +191,8 @@ def from_toml(text: str, *, where: str = "network.toml") -> Network:
             covariance=np.array(head["covariance"], float),
             rms_px=float(head["rms_px"]),
             frame=head["frame"],
+            # Of an older file nobody knows it: then it rests on all of them.
+            rests_on=tuple(map(str, head.get("rests_on", [camera["id"] for camera in tree["camera"]]))),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise CalibrationError(

@@ -170,7 +170,8 @@ WireTargetState = Annotated[TargetState, newer_word("tentative")]
 class Target(msgspec.Struct, frozen=True, kw_only=True):
     """One object's state in ECEF; `covariance` is the row-major upper triangle of the 6 x 6 of position, velocity.
 
-    verified: three cameras or more agree about it. Where two do, each of them alone decides how far away it is.
+    verified: three cameras or more agree about it, and what each claims of its own place and lens others check. Where
+    two do, or the site has three cameras, a single one may put it elsewhere.
     """
 
     track: Annotated[int, Meta(ge=0, le=2**32 - 1)]

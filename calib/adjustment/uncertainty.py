@@ -41,10 +41,14 @@ def settled_covariance(adjusted: Adjusted, problem: Problem) -> Array:
 
 def position_covariance(adjusted: Adjusted, problem: Problem, located: Located) -> Array:
     """(N, 3, 3) covariance of positions on the flight: the flight's own and, through it, the cameras'."""
+    return positions_by(camera_covariance(adjusted, problem), adjusted, located)
+
+
+def positions_by(cameras: Array, adjusted: Adjusted, located: Located) -> Array:
+    """(N, 3, 3) the same, if (14 C, 14 C) were the covariance of all cameras' unknowns."""
     w, four = located.weights(), located.controls()
     own = local_covariance(adjusted.normal.block)[located.first]
     covariance = np.einsum("ni,niajb,nj->nab", w, own, w, optimize=True)
-    cameras = camera_covariance(adjusted, problem)
     carried = adjusted.factor.carried.reshape(-1, 3, len(cameras))
     moved = sum(w[:, i, None, None] * carried[four[:, i]] for i in range(ORDER))
     total: Array = covariance + (moved @ cameras) @ np.transpose(moved, (0, 2, 1))

@@ -223,12 +223,15 @@ class Guard:
         )
 
     def _expected_clocks(self, network: Network, end_ns: int) -> ClockEstimate:
-        """What a clock may be off by: half of what it states, for a bound is the largest error; or its own past."""
+        """What a clock may be off by: half of what it states, for a bound is the largest error; or its own past.
+
+        The lesser of the two: by stating that it may be off by a second, nobody is forgiven more than by silence.
+        """
         stated = [self._clock_bound_s.get(camera.id) for camera in network.cameras]
         wander = self._wander.expected(end_ns, len(stated))
-        silent = np.array([one is None for one in stated])
-        sigma_s = np.array([max((one or 0.0) / 2, DISCIPLINED_SIGMA_S) for one in stated])
-        return ClockEstimate(np.where(silent, wander.off_s, 0.0), np.where(silent, wander.sigma_s, sigma_s))
+        sigma_s = np.array([np.inf if one is None else max(one / 2, DISCIPLINED_SIGMA_S) for one in stated])
+        by_past = wander.sigma_s < sigma_s
+        return ClockEstimate(np.where(by_past, wander.off_s, 0.0), np.where(by_past, wander.sigma_s, sigma_s))
 
     @staticmethod
     def _pairs(cameras: int) -> list[tuple[int, int]]:

@@ -30,6 +30,7 @@ from calib.network import POSE_SIZE, Network
 from calib.solving.evidence import Evidence
 from calib.solving.found import Found
 from calib.solving.series import gap_to_nearest_s
+from calib.solving.sole_witnesses import sole_witnesses
 from calib.solving.strain import Strain
 from edge.common.arrays import Array
 from edge.lens import LensModel
@@ -127,7 +128,8 @@ def network_of(
     )
     pose = np.concatenate([CAMERA_SIZE * i + np.arange(POSE_SIZE) for i in range(len(cameras))])
     covariance = camera_covariance(adjusted, problem)[np.ix_(pose, pose)]
-    return Network(site, origin, t_mid_unix_ns, cameras, covariance, rms_px(adjusted, problem))
+    alone = sole_witnesses(adjusted, problem)
+    return Network(site, origin, t_mid_unix_ns, cameras, covariance, rms_px(adjusted, problem), rests_on=alone)
 
 
 def rms_px(adjusted: Adjusted, problem: Problem) -> float:

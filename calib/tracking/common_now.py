@@ -48,6 +48,10 @@ class CommonNow:
         else:
             self._alone_s += min(max(step_s, 0.0), MOST_STEP_S)
 
+    def leads(self, camera: str, by_s: float) -> bool:
+        """Whether a camera's stamps lead what the others have come to by more than by_s: nobody bears them out."""
+        return self._newest_s.get(camera, -math.inf) > self.now_s + by_s
+
     def hold(self, frame: Frame, t_s: float) -> bool:
         """Keep a frame from beyond until `due`; whether none had to be let go for it."""
         full = len(self._waiting) == MOST_WAITING

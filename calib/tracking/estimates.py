@@ -23,7 +23,8 @@ class TargetState(StrEnum):
 class TargetEstimate:
     """Where a target is. covariance: (6, 6) of position and velocity, ENU. age_s: since its last measurement.
 
-    denied_by: cameras that should see it, see other things, and do not see it.
+    denied_by: cameras that should see it, see other things, and do not see it. ahead: those of `cameras` whose stamps
+    lead what two others have come to. rests_on: the network's, cameras whose claims nobody checks.
     """
 
     track: int
@@ -36,3 +37,10 @@ class TargetEstimate:
     age_s: float
     quality: float
     denied_by: tuple[str, ...] = ()
+    ahead: tuple[str, ...] = ()
+    rests_on: tuple[str, ...] = ()
+
+    @property
+    def witnesses(self) -> int:
+        """How many cameras bear it out, each with a stamp that another one's bears out."""
+        return len(set(self.cameras) - set(self.ahead))

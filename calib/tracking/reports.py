@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from calib.tracking.common_now import CommonNow
 from calib.tracking.denials import Denials
 from calib.tracking.estimates import TargetEstimate, TargetState
 from calib.tracking.filterbank import FilterBank
@@ -42,8 +43,11 @@ def spread(state: Array, covariance: Array, centres_enu: Array) -> tuple[Array, 
 class TargetReports:
     """Estimates of the targets in a filter bank, by what their scores say of them."""
 
-    def __init__(self, bank: FilterBank, scores: TrackScores, options: TrackerOptions, denials: Denials) -> None:
+    def __init__(
+        self, bank: FilterBank, scores: TrackScores, options: TrackerOptions, denials: Denials, common: CommonNow
+    ) -> None:
         self._bank, self._scores, self._options, self._denials = bank, scores, options, denials
+        self._common = common
         self._too_uncertain_m: float | None = None
 
     def too_uncertain(self) -> float | None:
@@ -108,6 +112,7 @@ class TargetReports:
             F = motion.transition(np.array([dt_s]))[0]
             surprise = motion.noise(np.array([dt_s]))[0] * self._bank.expected_manoeuvre_factor[k]
             x, P, t_s = F @ x, F @ P @ F.T + surprise, t_s + dt_s
+        cameras = self._names(self._scores.seen_by(k))
         return TargetEstimate(
             track=self._scores.track[k],
             state=state,
@@ -115,8 +120,10 @@ class TargetReports:
             position_enu=x[:3].copy(),
             velocity_enu=x[3:6].copy(),
             covariance=P[:6, :6].copy(),
-            cameras=self._names(self._scores.seen_by(k)),
+            cameras=cameras,
             age_s=max(0.0, t_s - float(self._scores.last_s[k])),
             quality=self._scores.quality(k),
             denied_by=self._names(self._against(k)),
+            ahead=tuple(c for c in cameras if self._common.leads(c, self._options.reorder_horizon_s)),
+            rests_on=self._bank.network.rests_on,
         )

@@ -74,7 +74,7 @@ class Tracker:
         self._lone = LoneTargets()
         self._numbering: dict[str, PictureNumbers] = {}
         self._lasting_px = np.zeros(len(network.cameras))
-        self._reports = TargetReports(self._bank, self._scores, self._options, self._denials)
+        self._reports = TargetReports(self._bank, self._scores, self._options, self._denials, self._common)
         self._farewells: list[TargetEstimate] = []
         self._late_s: dict[str, float] = {}
         self._newest_s = -np.inf

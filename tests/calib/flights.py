@@ -8,7 +8,14 @@ import numpy as np
 from calib.simulation.description import CameraSpec, ObjectSpec, Simulation
 
 SIDE_M = 60.0  # of the square that the flight stays over
-CAMERAS = ((-70.0, -60.0, 1.0), (75.0, -55.0, 2.0), (5.0, 85.0, 0.0), (-80.0, 60.0, 3.0), (80.0, 55.0, 1.0))
+CAMERAS = (
+    (-70.0, -60.0, 1.0),
+    (75.0, -55.0, 2.0),
+    (5.0, 85.0, 0.0),
+    (-80.0, 60.0, 3.0),
+    (80.0, 55.0, 1.0),
+    (0.0, -90.0, 2.0),
+)
 
 
 def waypoints(duration_s: float, seed: int, *, height_m: tuple[float, float] = (20.0, 60.0)) -> tuple[Any, ...]:

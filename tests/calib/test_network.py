@@ -57,6 +57,13 @@ def test_there_and_back_to_the_last_bit(seed: int, offset_s: float) -> None:
         assert (one.sigma_px, one.correlated_s) == (two.sigma_px, two.correlated_s)
 
 
+def test_on_whose_word_it_rests_is_kept_and_not_assumed() -> None:
+    before = replace(network(), rests_on=("b",))
+    assert from_toml(to_toml(before)).rests_on == ("b",)
+    older = "\n".join(line for line in to_toml(network()).splitlines() if not line.startswith("rests_on"))
+    assert from_toml(older).rests_on == tuple(camera.id for camera in network().cameras), "nobody asked then"
+
+
 def test_the_fingerprint_notices_the_last_bit() -> None:
     before = network()
     nudged = replace(before.cameras[1], centre_enu=np.nextafter(before.cameras[1].centre_enu, np.inf))

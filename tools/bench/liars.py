@@ -1,31 +1,62 @@
 """What one camera that lies can do: share of positions beyond what they claim, who was named, how soon.
 
-    python -m tools.bench.liars [--cameras 3 4 6] [--seeds 2] [--lies FIX,FOCAL] [--jobs 2]
+    python -m tools.bench.liars [--cameras 3 4 6] [--seeds 2] [--lies FIX,FOCAL] [--jobs 2] [--rows FILE]
 
 Each scene is a site that calibrates itself with the real solver, in virtual time, and one lie (tools/doubles/liars.py).
 "beyond" is the share of positions outside the 99.9 % ellipsoid that is sent with them, from five seconds of the lie on;
 of an honest site it is one in a thousand. "whole": the same of what was sent without a mark, three cameras or more
-agreeing about it. Exit code 1 if somebody honest was named.
+agreeing about it. A scene takes the better part of a minute: `--rows` keeps what came of each, and the same call
+later goes on where it was ended. Exit code 1 if somebody honest was named.
 """
 
 import argparse
 import sys
 import time
-from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import product
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from calib.scoring.consistency import CHI2_3_999
 from tools.doubles.liars import LIES
 from tools.doubles.lying_site import Outcome, run
 
+Case = tuple[int, int, int]  # which of LIES, cameras, seed
 
-def _one(case: tuple[int, int, int]) -> Outcome:
+
+def _one(case: Case) -> Outcome:
     which, cameras, seed = case
     return run(LIES[which], cameras, seed)
+
+
+def _name(case: Case) -> tuple[str, int, int]:
+    which, cameras, seed = case
+    return LIES[which].name, cameras, seed
+
+
+def kept(rows: Path | None) -> dict[tuple[str, int, int], Outcome]:
+    """What an earlier call came to, by lie, cameras and seed; a last line that was cut off is none."""
+    if rows is None or not rows.exists():
+        return {}
+    whole = [line for line in rows.read_bytes().splitlines(keepends=True) if line.endswith(b"\n")]
+    outcomes = [msgspec.json.decode(line, type=Outcome) for line in whole]
+    return {(one.lie, one.cameras, one.seed): one for one in outcomes}
+
+
+def each(cases: list[Case], jobs: int, rows: Path | None) -> Iterator[Outcome]:
+    """Run scenes, in whatever order they end; each is appended to `rows` and printed as it does."""
+    with ProcessPoolExecutor(jobs) as pool:
+        for done in as_completed([pool.submit(_one, case) for case in cases]):
+            one = done.result()
+            if rows is not None:
+                with rows.open("ab") as file:
+                    file.write(msgspec.json.encode(one) + b"\n")
+            print(list(table([one]))[1], flush=True)
+            yield one
 
 
 def table(outcomes: Iterable[Outcome]) -> Iterable[str]:
@@ -58,13 +89,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=0, help="seed of the first scene")
     parser.add_argument("--lies", default="", help="only these, by parts of their names")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--rows", type=Path, help="file to which what came of each scene is added, and read from")
     options: Any = parser.parse_args(arguments)
     parts = [part for part in options.lies.lower().split(",") if part]
     chosen = [k for k, lie in enumerate(LIES) if not parts or any(part in lie.name.lower() for part in parts)]
     cases = list(product(chosen, options.cameras, range(options.first, options.first + options.seeds)))
     began = time.monotonic()
-    with ProcessPoolExecutor(options.jobs) as pool:
-        outcomes = list(pool.map(_one, cases))
+    found = kept(options.rows)
+    missing = [case for case in cases if _name(case) not in found]
+    found |= {(one.lie, one.cameras, one.seed): one for one in each(missing, options.jobs, options.rows)}
+    outcomes = [found[_name(case)] for case in cases]
+    print()
     for line in table(outcomes):
         print(line)
     innocents = [one for one in outcomes if one.innocents]

@@ -53,13 +53,19 @@ def faulty_frames(
 
 
 def findings(
-    scene: Scene, stream: Iterator[tuple[int, Frame]], bound_s: float | None = CLOCK_BOUND_S
+    scene: Scene,
+    stream: Iterator[tuple[int, Frame]],
+    bound_s: float | None = CLOCK_BOUND_S,
+    said_s: dict[str, float | None] | None = None,
 ) -> list[tuple[float, Finding]]:
-    """What the guard finds, and when (s); a camera found is left out as the station would. bound_s: of all clocks."""
+    """What the guard finds, and when (s); a camera found is left out as the station would.
+
+    bound_s: what all state of their clocks, but for those of said_s.
+    """
     guard = Guard()
     guard.trust(scene.network)
     for camera in scene.network.cameras:
-        guard.state_clock(camera.id, bound_s)
+        guard.state_clock(camera.id, (said_s or {}).get(camera.id, bound_s))
     found, due_ns = [], 0
     for arrival_ns, frame in stream:
         guard.observe(frame)

@@ -51,9 +51,9 @@ class Outcome:
         return [camera for camera in self.named or {} if camera != LIAR]
 
 
-def run(lie: Lie, cameras: int, seed: int) -> Outcome:
+def run(lie: Lie, cameras: int, seed: int, flight_s: float = FLIGHT_S) -> Outcome:
     """One site with one liar, from its start."""
-    scene = make(Spec(cameras=cameras, uavs=2, duration_s=FLIGHT_S, rate_hz=10.0, noise_px=1.0, seed=seed))
+    scene = make(Spec(cameras=cameras, uavs=2, duration_s=flight_s, rate_hz=10.0, noise_px=1.0, seed=seed))
     out = Outcome(lie.name, cameras, seed, [], [], [], named={})
     site = _Site(scene, lie, out)
     liar = Liar(lie)

@@ -25,6 +25,7 @@ RETRY_GROWTH: Final = 1.25  # of the shared seconds, before an attempt that fail
 RETRY_SHARED_S: Final = 5  # shared seconds more, at least
 SOONEST_S: Final = 10.0  # s between refinements while the flight is short and each tells much
 NOT_TAKEN: Final = "D"  # grade, from which on no network is taken: what is claimed contradicts itself, or nothing holds
+WITNESS: Final = "set up one more surveyed camera, off the line between any two: it checks the others"
 SOLVER_REST: Final = 5.0  # times as long as it worked the solver rests: a sixth of one core at most
 
 
@@ -252,12 +253,16 @@ class Calibration:
     def _calibrated(self) -> str:
         assert self.network is not None
         sigma = "" if self.report is None else f", positions to {self.report.sigma_m:.2f} m"
-        return f"{len(self.network.cameras)} cameras, {self.network.rms_px:.2f} px{sigma}"
+        alone = ", ".join(self.network.rests_on)
+        unchecked = f"; nobody checks what {alone} claim of their places: targets are UNVERIFIED" if alone else ""
+        return f"{len(self.network.cameras)} cameras, {self.network.rms_px:.2f} px{sigma}{unchecked}"
 
     def _lacking(self, window: Window, sites: dict[str, SiteCamera]) -> str:
         assert self.network is not None
         missing = [camera for camera in self.cameras if self.network.camera(camera) is None]
-        return "" if not missing else self._waiting_for(window, sites, missing)
+        if missing:
+            return self._waiting_for(window, sites, missing)
+        return WITNESS if self.network.rests_on else ""
 
     def _collecting(
         self, window: Window, sites: dict[str, SiteCamera], placed: Set[str], busy: bool

@@ -45,7 +45,7 @@ class OutgoingTarget:
     quality: float
     sigma_m: float
     degraded: bool
-    verified: bool  # three cameras or more agree: no single one decides its range
+    verified: bool  # three cameras or more agree, of a site whose claims others check: no single one decides
 
     def message(self) -> Target:
         """As it goes out over Zenoh."""
@@ -134,9 +134,14 @@ class TargetExport:
             quality=e.quality,
             sigma_m=float(np.hypot(sigma_m, self._frame_m)),
             degraded=self._degraded(e),
-            verified=len(e.cameras) >= VERIFYING_CAMERAS and e.state is TargetState.CONFIRMED,
+            verified=_verified(e),
         )
 
     def _degraded(self, e: TargetEstimate) -> bool:
-        contested = bool(e.denied_by) and len(e.cameras) < VERIFYING_CAMERAS
+        contested = bool(e.denied_by) and e.witnesses < VERIFYING_CAMERAS
         return len(e.cameras) < self._min_cameras or contested or e.state is not TargetState.CONFIRMED
+
+
+def _verified(e: TargetEstimate) -> bool:
+    """Whether no single camera, by what it sees or by what it claims of itself, could have put it elsewhere."""
+    return e.witnesses >= VERIFYING_CAMERAS and not e.rests_on and e.state is TargetState.CONFIRMED

@@ -9,7 +9,7 @@ import pytest
 import calib.guarding.monitor
 from calib.guarding.monitor import Guard
 from calib.observations import Frame
-from tools.doubles.faults import FAULTS, faulty_frames, findings
+from tools.doubles.faults import FAULTS, VICTIM, CameraFault, faulty_frames, findings
 from tools.doubles.flight import T0_UNIX_NS, Spec, frames, make
 from tools.doubles.guard_scenes import EVENT_S as DRAWN_EVENT_S
 from tools.doubles.guard_scenes import draw
@@ -39,6 +39,19 @@ def test_of_three_cameras_none_is_named_and_that_they_disagree_is_said(fault) ->
     assert first.reason == "these cameras disagree: cam0, cam1, cam2"
     assert EVENT_S < at_s < EVENT_S + 7.5
     assert EVENT_S - 2.0 < (first.since_unix_ns - T0_UNIX_NS) * 1e-9 < at_s
+
+
+@pytest.mark.parametrize("bound_s", [0.2, 1e6])
+@pytest.mark.parametrize("fault", [CameraFault("knocked", turn_deg=1.0), CameraFault("stepped", step_s=0.2)], ids=str)
+def test_whatever_it_states_of_its_clock_the_camera_at_fault_is_named_as_soon(
+    fault: CameraFault, bound_s: float
+) -> None:
+    """A stated bound of a second and more had the guard wait for twelve seconds, and then blame all four."""
+    scene = make(SPEC)
+    found = findings(scene, faulty_frames(scene, fault, EVENT_S), said_s={VICTIM: bound_s})
+    at_s, first = found[0]
+    assert first.camera == VICTIM
+    assert EVENT_S < at_s < EVENT_S + 4.0
 
 
 @pytest.mark.parametrize("number", range(24, 48))

@@ -40,6 +40,16 @@ def test_one_camera_ahead_does_not_move_it(times: list[float], ahead_s: float, o
             assert common.now_s <= latest
 
 
+def test_a_camera_leads_while_no_other_has_come_as_far() -> None:
+    common = CommonNow()
+    for camera in ("cam0", "cam1", "cam2"):
+        common.note(camera, 1.0)
+    common.note("cam0", 2.0)
+    assert (common.leads("cam0", 0.5), common.leads("cam1", 0.5), common.leads("who", 0.5)) == (True, False, False)
+    common.note("cam1", 1.9)
+    assert not common.leads("cam0", 0.5)
+
+
 def test_those_who_are_gone_confirm_nothing_and_hold_nobody_up() -> None:
     common = CommonNow()
     for camera in ("cam0", "cam1", "cam2"):

@@ -388,7 +388,7 @@ enums["TRACK_FLAGS"][8] = EnumEntry("TRACK_FLAGS_DEGRADED", """Geometry or camer
 TRACK_FLAGS_SIMULATED = 16
 enums["TRACK_FLAGS"][16] = EnumEntry("TRACK_FLAGS_SIMULATED", """Simulated or replayed data.""")
 TRACK_FLAGS_UNVERIFIED = 32
-enums["TRACK_FLAGS"][32] = EnumEntry("TRACK_FLAGS_UNVERIFIED", """Fewer than three cameras agree about it: each of them alone decides how far away it is.""")
+enums["TRACK_FLAGS"][32] = EnumEntry("TRACK_FLAGS_UNVERIFIED", """A single camera may put it elsewhere: fewer than three agree about it, or nobody checks what one of the site claims of its place.""")
 TRACK_FLAGS_ENUM_END = 33
 enums["TRACK_FLAGS"][33] = EnumEntry("TRACK_FLAGS_ENUM_END", """""")
 

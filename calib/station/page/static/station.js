@@ -42,7 +42,7 @@ export function showTargets(targets) {
     const speed = Math.hypot(...t.velocity);
     const sigma = Math.sqrt(t.spread[0] + t.spread[3] + t.spread[5]);
     return [t.id, t.state, ...t.at.map((v) => `${v.toFixed(1)} m`), `${speed.toFixed(1)} m/s`, `${sigma.toFixed(2)} m`,
-      t.cameras.join(" ") + (t.verified ? "" : " (range unverified)")];
+      t.cameras.join(" ") + (t.verified ? "" : t.cameras.length < 3 ? " (range unverified)" : " (unverified)")];
   });
   const table = document.createElement("table");
   const head = table.createTHead().insertRow();

@@ -27,6 +27,14 @@ def test_a_site_of_four_stays_honest(name: str) -> None:
     assert out.innocents == []
 
 
+def test_of_three_nobody_else_knows_where_one_stands_and_that_is_said() -> None:
+    """Three metres of two hundred are within a lens file's one per cent: positions are sent, and none as verified."""
+    out = run(BY_NAME["fix 3 m too far north, sigma_m 0.001"], cameras=3, seed=0, flight_s=30.0)
+    assert len(out.nees) > 100
+    assert out.whole == []
+    assert "nobody checks what cam0, cam1, cam2 claim" in out.said
+
+
 @pytest.mark.parametrize("lie", LIES, ids=lambda lie: lie.name)
 def test_every_lie_is_a_valid_message_and_one_cameras_own(lie: Lie) -> None:
     scene, liar = make(Spec(cameras=3, uavs=1, rate_hz=2.0, duration_s=50.0)), Liar(lie)

@@ -57,6 +57,8 @@ def test_three_cameras_verify_a_range_and_a_contested_one_is_degraded() -> None:
     assert (target().degraded, target(denied_by=("cam1",)).degraded) == (False, True)
     assert not target(cameras=three, denied_by=("cam3",)).degraded, "of three that agree two are honest"
     assert target(cameras=three).message().verified
+    assert not target(cameras=three, rests_on=("cam1",)).verified, "its claims may have tilted all that is seen"
+    assert not target(cameras=three, ahead=("cam1",)).verified, "two bear it out, and one that is a second ahead"
 
 
 def port(*, key: bytes | None = None, streams: Streams | None = None, **section: object) -> MavlinkPort:
