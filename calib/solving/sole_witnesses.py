@@ -26,7 +26,7 @@ DISBELIEVED: Final = 1000.0
 # On rings of cameras 120 m about it is 80 to 110 with three, 3.7 with four after 15 s of flight and 2.2 after 70 s,
 # 1.2 with six.
 ALONE: Final = 3.0
-LOOKS: Final = 200  # instants of the flight, at most: its places are alike in this
+FLIGHT_SAMPLES: Final = 200  # instants of the flight, at most: its places are alike in this
 
 
 def sole_witnesses(adjusted: Adjusted, problem: Problem) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ def sole_witnesses(adjusted: Adjusted, problem: Problem) -> tuple[str, ...]:
 
 def _looks(flight: Flight) -> Located:
     """Instants spread over the whole flight."""
-    each = max(1, LOOKS // len(flight.start_s))
+    each = max(1, FLIGHT_SAMPLES // len(flight.start_s))
     shares = (np.arange(each) + 0.5) / each
     t_s = flight.start_s[:, None] + shares * (flight.end_s - flight.start_s)[:, None]
     return flight.locate(t_s.ravel(), np.repeat(np.arange(len(flight.start_s)), each))
