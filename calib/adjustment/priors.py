@@ -26,6 +26,7 @@ READOUT_S: Final = 0.015  # and their middle
 KNOWN_READOUT_SIGMA_S: Final = 5e-4  # a data sheet's
 ALIGNED_TO_S: Final = 0.05  # what the search by epipolar geometry is good for on the worst flights
 KEEPS_BOUND_S: Final = 60.0  # a disciplined clock leaves its bound no faster than in this time
+LEAST_MISLED_S: Final = 0.005  # s: less is how well tracks tell a clock, and 0.1 m of a drone
 CONTRADICTING_RATE: Final = 3e-4  # s/s: leaves a bound of milliseconds within half a minute, whatever the box says
 FREE: Final = np.inf
 FIXED: Final = 0.0
@@ -105,6 +106,17 @@ def held(camera: Camera, prior: CameraPrior) -> Camera:
         clock_rate=prior.mean.clock_rate if prior.fixed[RATE] else camera.clock_rate,
         readout_s=prior.mean.readout_s if prior.fixed[READOUT] else camera.readout_s,
     )
+
+
+def misled_s(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> float:
+    """By how much the clock that the others were held against is off them, beyond what it states; 0 if it is not.
+
+    All alike, the first by name is taken for the site's time. Where it is the one that is wrong, all others are off by
+    the same, and the flight with them: nobody's word is the time, but what most of those say that know theirs.
+    """
+    bound_s = sites[time_reference(cameras, sites)].clock_bound_s
+    zero_s = cameras[0].clock_offset_s - on_site_time(cameras, sites)[0].clock_offset_s
+    return zero_s if bound_s is not None and abs(zero_s) > max(3 * bound_s, LEAST_MISLED_S) else 0.0
 
 
 def on_site_time(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> tuple[Camera, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.adjustment.bundle import LAST_WEIGHT_ROUNDS, WEIGHT_ROUNDS, Adjusted, adjust
 from calib.adjustment.flight import FlightEstimate
-from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, on_site_time
+from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, misled_s, on_site_time
 from calib.adjustment.problem import Problem
 from calib.adjustment.projection import ROTATION
 from calib.adjustment.weights import Weights
@@ -66,7 +66,7 @@ def refine(inputs: Inputs, initial: InitialEstimate, knots_s: float) -> Refined:
         attempt.adjust()
         if attempt.without_a_camera() or attempt.with_other_doubts() or attempt.without_a_turn():
             continue
-        if attempt.with_all_rows():
+        if attempt.with_all_rows() or attempt.on_others_time():
             continue
         assert attempt.adjusted is not None
         turns = tuple(attempt.turns)
@@ -89,6 +89,7 @@ class _Attempt:
     weights: Weights | None = None
     settled: FlightEstimate | None = None
     all_rows: bool = False
+    retimed: bool = False
     believed: InitialEstimate | None = None
     doubted: list[frozenset[object]] = field(default_factory=lambda: [frozenset()])
     turns: list[Turn] = field(default_factory=list)
@@ -199,6 +200,15 @@ class _Attempt:
         if self.all_rows or self.problem.whole:
             return False
         self.all_rows = True
+        self._go_on(self.adjusted.estimate, self.initial.doubts)
+        return True
+
+    def on_others_time(self) -> bool:
+        """Adjust once more against the clocks that most agree on, if the one that was taken for the time is not one."""
+        assert self.adjusted is not None
+        if self.retimed or not misled_s(self.adjusted.estimate.cameras, self.inputs.sites):
+            return False
+        self.retimed = True
         self._go_on(self.adjusted.estimate, self.initial.doubts)
         return True
 

@@ -260,6 +260,10 @@ class StatusSection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         str | None,
         Meta(description="file of 16 characters or more, mode 0600; whoever looks must know them"),
     ] = None
+    tls: Annotated[
+        bool,
+        Meta(description="serve over HTTPS, with the certificate of [link.tls]; browsers must know its authority.pem"),
+    ] = False
     tiles: Annotated[
         str | None, Meta(description="folder of map tiles, Z/X/Y.png in Web Mercator, for the map's background")
     ] = None
@@ -330,6 +334,12 @@ def checked(config: BaseConfig, path: Path) -> BaseConfig:
         path,
         f"status.host {host} can be reached by others, and there is no token",
         'give status.token_file, made with `openssl rand -hex 16`, or leave host at "127.0.0.1"',
+    )
+    _refuse(
+        config.status.tls and config.link.tls is None,
+        path,
+        "status.tls is served with the files of [link.tls], and there are none",
+        "make them with `base-station certs issue`, or leave status.tls out",
     )
     _refuse(
         None is not config.mavlink.gcs_component == config.mavlink.ecef_component,

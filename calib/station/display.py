@@ -13,6 +13,7 @@ from calib.station.archive.state_store import REPORT_FOLDER
 from calib.station.config import BaseConfig
 from calib.station.page.process import PageProcess, available
 from calib.station.page.wire import OperatorCommand
+from calib.station.status.https import https_of
 from calib.station.status.server import StatusServer
 from calib.station.status.status import StationStatus
 from edge.link.inbox import Inbox, Received
@@ -84,14 +85,14 @@ class Display:
 
 def open_display(config: BaseConfig, folder: Path, link: Link, stack: ExitStack) -> Display:
     """The page where it is wanted and its library is installed, else the bare status. Raises ConfigError."""
-    options, site = config.status, config.site.name
+    options, site, tls = config.status, config.site.name, https_of(config)
     if options.port is None:
         return Display(link, site, None, None)
     if not options.page or not available():
         if options.page:
             log.info("no operator's page: its library is not installed (pip install 'skyfix[base,page]')")
-        return Display(link, site, stack.enter_context(StatusServer(options, folder)), None)
+        return Display(link, site, stack.enter_context(StatusServer(options, folder, tls)), None)
     recordings = None if config.recording.folder is None else folder / config.recording.folder
     report = folder / config.state_folder / REPORT_FOLDER / "report.html"
-    page = stack.enter_context(PageProcess(options, folder, site, recordings=recordings, report=report))
+    page = stack.enter_context(PageProcess(options, folder, site, recordings=recordings, report=report, tls=tls))
     return Display(link, site, page, page)

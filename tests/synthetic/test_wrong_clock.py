@@ -47,6 +47,18 @@ def test_a_rate_of_its_own(rate: float) -> None:
     assert abs(report.clock_rate - rate) < 5 * report.sigma_rate
 
 
+@pytest.mark.parametrize("off_s", [0.1, -0.1])
+def test_the_first_by_name_is_not_the_time_where_five_others_say_another(off_s: float) -> None:
+    """All state the same bound, so it was taken for the site's time: the flight, and all others, were off by it."""
+    offsets_s = (off_s, 0.0, 0.0, 0.0, 0.0, 0.0)
+    found = solved(site(offsets_s=offsets_s, duration_s=25.0, frame_rate_hz=10.0, each={"clock_bound_s": 1e-3}))
+    reports = found.solution.report.cameras
+    assert abs(reports[0].clock_offset_s - off_s) < 5e-3
+    assert all(abs(report.clock_offset_s) < 5e-3 for report in reports[1:])
+    assert "clock of cam1" in told(found)
+    assert "clock of cam2" not in told(found)
+
+
 def test_a_camera_with_a_bad_clock_that_denies_it_is_named() -> None:
     bounded = {"clock_bound_s": 2e-3}
     found = solved(site(offsets_s=(0.0, 0.0, 1.3, 0.0), each=bounded))

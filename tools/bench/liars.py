@@ -81,6 +81,10 @@ def table(outcomes: Iterable[Outcome]) -> Iterable[str]:
         yield f"{lie:40} {cameras:4} {len(errors):6} {median:>25} {marked:>7}  {named or '-'}; {own[-1].said[:80]}"
 
 
+def _share(nees: list[float]) -> str:
+    return f"{np.mean(np.array(nees) > CHI2_3_999):.2%} of {len(nees)}" if nees else "none"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -107,12 +111,9 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"\n{len(outcomes)} scenes from seed {options.first} in {time.monotonic() - began:.0f} s")
     print(f"beyond, worst: {worst.beyond:.1%} ({worst.lie}, {worst.cameras} cameras, seed {worst.seed}); asked < 1 %")
     for cameras in options.cameras:
-        nees = np.array([nees for one in outcomes if one.cameras == cameras for nees in one.nees])
-        whole = np.array([nees for one in outcomes if one.cameras == cameras for nees in one.whole])
-        print(
-            f"beyond, all lies, {cameras} cameras: {np.mean(nees > CHI2_3_999):.2%} of {len(nees)}, "
-            f"of what is sent as whole {np.mean(whole > CHI2_3_999):.2%} of {len(whole)}"
-        )
+        sent = [nees for one in outcomes if one.cameras == cameras for nees in one.nees]
+        whole = [nees for one in outcomes if one.cameras == cameras for nees in one.whole]
+        print(f"beyond, all lies, {cameras} cameras: {_share(sent)}, of what is sent as whole {_share(whole)}")
     print(
         f"honest cameras named: {len(innocents)} scenes {[(one.lie, one.cameras, one.innocents) for one in innocents]}"
     )

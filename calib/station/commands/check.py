@@ -28,6 +28,7 @@ from calib.station.outputs.output import Output, StationStanding
 from calib.station.outputs.registry import OutputHost, open_output, wanted
 from calib.station.own_clock import check_own_clock
 from calib.station.status.asking import Running, running_station
+from calib.station.status.https import check_page
 from calib.station.survey.assessment import contradictions
 from calib.station.survey.in_force import frames_in_force, is_survey, survey_file, twice_given, with_survey
 from calib.station.survey.store import load_survey
@@ -89,7 +90,7 @@ def examine(config: BaseConfig, folder: Path) -> Iterator[Line]:
     yield Line(VERDICTS[clock.level], clock.name, clock.reason, clock.action)
     for found in _audit(config, folder):
         yield Line(VERDICTS[found.level], found.name, found.reason, found.action)
-    running = running_station(config.status, folder)
+    running = running_station(config, folder)
     if running is not None and running.site == config.site.name:
         yield from _told_by(running)  # ports and receivers are its own: it is asked, not fought
         return
@@ -117,6 +118,8 @@ def _audit(config: BaseConfig, folder: Path) -> Iterator[Check]:
     served = (endpoint.url for endpoint in config.mavlink.endpoint if endpoint.url.startswith("tcpin:"))
     listened += [(host.strip("[]"), int(port)) for host, _, port in (url[6:].rpartition(":") for url in served)]
     yield check_ports(open_ports(holders), listened)
+    if (page := check_page(config)) is not None:
+        yield page
     yield check_program()
 
 

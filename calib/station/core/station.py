@@ -296,10 +296,17 @@ class Station:
         return [] if tracker is None else self._export.to_wgs84(tracker.dismiss(), tracker.network.origin)
 
     def _position_doubted(self, camera: CameraIntake) -> list[OutgoingTarget]:
-        """A position that the network in force was laid on is contradicted: nothing is sent until one covers it."""
+        """A position that the network in force was laid on is contradicted: nothing is sent until one covers it.
+
+        Where the other cameras checked it, and nothing speaks against theirs, the network stands without its word: only
+        that camera is left out.
+        """
         network = self.calibration.network
-        laid_on = network is not None and network.camera(camera.id) is not None and self.positions.by_fixes(camera.id)
-        if not laid_on:
+        if network is None or network.camera(camera.id) is None or not self.positions.by_fixes(camera.id):
+            return []
+        another = any(box.fix_doubt for box in self._boxes_of(network) if box.id != camera.id)
+        if camera.id not in network.rests_on and not another:
+            self._changed(camera.id, f"its position: {camera.fix_doubt}")
             return []
         self.calibration.contradict(f"{camera.id}: {camera.fix_doubt}")
         self.guard.forget()

@@ -13,7 +13,7 @@ Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 
 # What is answered instead, by what was found: HTTP status, text.
 ANSWERS: Final[dict[Verdict, tuple[int, bytes]]] = {
-    "refused": (401, b"a token is needed: http://HOST:PORT/?token=..."),
+    "refused": (401, b"a token is needed: add ?token=... to the address"),
     "wait": (429, b"too many wrong tokens from here: wait, and give the right one"),
 }
 REFUSED_SOCKET: Final = 1008  # policy violation (RFC 6455)
@@ -52,14 +52,15 @@ class RequestFilter:
         if verdict != "in":
             await _refuse(scope, send, verdict)
         elif scope["type"] == "http" and in_query(self._token, query):
-            await self._welcome(scope["path"], send)
+            await self._welcome(scope, send)
         else:
             await self._app(scope, receive, _with_policy(send))
 
-    async def _welcome(self, path: str, send: Send) -> None:
+    async def _welcome(self, scope: Scope, send: Send) -> None:
         value = session(self._token, time.time())
-        cookie = f"{COOKIE}={value}; HttpOnly; SameSite=Strict; Path=/; Max-Age={SESSION_S}"
-        own = "/" + path.lstrip("/")  # two slashes would be another host
+        secure = "; Secure" if scope.get("scheme") == "https" else ""
+        cookie = f"{COOKIE}={value}; HttpOnly; SameSite=Strict; Path=/; Max-Age={SESSION_S}{secure}"
+        own = "/" + scope["path"].lstrip("/")  # two slashes would be another host
         headers = [(b"location", own.encode("latin-1", "replace")), (b"set-cookie", cookie.encode("latin-1"))]
         await send({"type": "http.response.start", "status": 303, "headers": headers})
         await send({"type": "http.response.body", "body": b""})

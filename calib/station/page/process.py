@@ -22,8 +22,10 @@ import msgspec
 from calib.station.config import StatusSection
 from calib.station.page import wire
 from calib.station.status.access import read_token
+from calib.station.status.https import serving
 from calib.station.status.status import StationStatus
 from edge.common.errors import ConfigError
+from edge.link.settings import TlsSettings
 
 log = logging.getLogger(__name__)
 
@@ -61,10 +63,19 @@ class PageProcess:
     """Serves the page, /status.json and /metrics from a process of its own."""
 
     def __init__(
-        self, options: StatusSection, folder: Path, site: str, *, recordings: Path | None, report: Path
+        self,
+        options: StatusSection,
+        folder: Path,
+        site: str,
+        *,
+        recordings: Path | None,
+        report: Path,
+        tls: TlsSettings | None = None,
     ) -> None:
-        """Raises ConfigError if the address cannot be had or the token cannot be read."""
+        """Raises ConfigError if the address cannot be had, or the token or the certificate cannot be read."""
         assert options.port is not None
+        if tls is not None:
+            serving(tls)  # by the page's process; what is wrong with it is found here
         token = read_token(folder / options.token_file) if options.token_file else ""
         self._hello = wire.Hello(
             site=site,
@@ -72,6 +83,7 @@ class PageProcess:
             recordings=None if recordings is None else str(recordings),
             tiles=None if options.tiles is None else str(folder / options.tiles),
             report=str(report),
+            tls=tls,
         )
         self._listener = listen(options.host, options.port)
         self._process: subprocess.Popen[bytes] | None = None

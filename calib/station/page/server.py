@@ -135,7 +135,16 @@ def guarded(app: Any, page: Page) -> RequestFilter:
 
 
 async def _serve(app: Any, page: Page, listener: socket.socket) -> None:
-    config = uvicorn.Config(app, log_level="warning", lifespan="on", ws_max_size=1 << 16, timeout_graceful_shutdown=1)
+    tls = page.hello.tls
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        lifespan="on",
+        ws_max_size=1 << 16,
+        timeout_graceful_shutdown=1,
+        ssl_certfile=None if tls is None else tls.certificate,
+        ssl_keyfile=None if tls is None else tls.key,
+    )
     server = uvicorn.Server(config)
     stand_at(config, page.door)
     sweeping = asyncio.create_task(_sweep(page.door))

@@ -10,6 +10,7 @@ from typing import Final, Literal
 import msgspec
 
 from edge.common.errors import MessageError
+from edge.link.settings import TlsSettings
 
 LARGEST: Final = 1 << 17  # bytes: a status of 32 cameras is 40 kB, a preview 60 kB
 BUFFER: Final = 1 << 20  # bytes: a second of everything
@@ -30,6 +31,7 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
     recordings: str | None
     tiles: str | None
     report: str
+    tls: TlsSettings | None = None
 
 
 def open_pair() -> tuple[socket.socket, socket.socket]:

@@ -10,11 +10,13 @@ from typing import Final
 
 import msgspec
 
-from calib.station.config import StatusSection
+from calib.station.config import BaseConfig
 from calib.station.status.access import read_token
+from calib.station.status.https import asking, https_of
 from calib.station.status.status import EndpointStatus
 from edge.common.errors import ConfigError
 from edge.link.ports import EVERYWHERE, LOOPBACK
+from edge.link.settings import TlsSettings
 
 ANSWERS_WITHIN_S: Final = 10.0  # the page's process may have to be started for the answer
 
@@ -54,12 +56,15 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
     cameras: list[RunningCamera] = []
 
 
-def running_station(status: StatusSection, folder: Path) -> Running | None:
+def running_station(config: BaseConfig, folder: Path) -> Running | None:
     """The station that answers at this configuration's status port; None if none does, or nobody who is one."""
+    status = config.status
     if not status.port:
         return None
-    host = LOOPBACK if status.host in EVERYWHERE else status.host
-    connection = http.client.HTTPConnection(host, status.port, timeout=ANSWERS_WITHIN_S)
+    try:
+        connection = _connection(LOOPBACK if status.host in EVERYWHERE else status.host, status.port, https_of(config))
+    except OSError:  # of an authority that cannot be read
+        return None
     try:
         token = read_token(folder / status.token_file) if status.token_file else ""
         headers = {"Authorization": f"Bearer {token}"} if token else {}
@@ -69,3 +74,9 @@ def running_station(status: StatusSection, folder: Path) -> Running | None:
         return None
     finally:
         connection.close()
+
+
+def _connection(host: str, port: int, tls: TlsSettings | None) -> http.client.HTTPConnection:
+    if tls is None:
+        return http.client.HTTPConnection(host, port, timeout=ANSWERS_WITHIN_S)
+    return http.client.HTTPSConnection(host, port, timeout=ANSWERS_WITHIN_S, context=asking(tls))

@@ -7,6 +7,7 @@ make text of it.
 import contextlib
 import logging
 import socket
+import ssl
 import sys
 import threading
 import time
@@ -21,10 +22,12 @@ import msgspec
 from calib.station.config import StatusSection
 from calib.station.status.access import TokenGate, read_token
 from calib.station.status.attempts import with_door
+from calib.station.status.https import serving
 from calib.station.status.metrics import CONTENT_TYPE, metrics
 from calib.station.status.status import StationStatus
 from edge.common.errors import ConfigError
 from edge.common.own_thread import OwnThread
+from edge.link.settings import TlsSettings
 
 log = logging.getLogger(__name__)
 
@@ -44,11 +47,21 @@ class _BoundedServer(ThreadingHTTPServer):
     daemon_threads = True
     request_queue_size = 128  # a few slow ones more than the usual 5 would have everybody else's packets dropped
 
-    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+    def __init__(
+        self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler], context: ssl.SSLContext | None
+    ) -> None:
         super().__init__(address, handler)
+        self._context = context
         self._open: dict[socket.socket, float] = {}
         self._lock = threading.Lock()
         self.turned_away = 0
+
+    def get_request(self) -> tuple[Any, Any]:
+        """The next connection; whoever is slow to shake hands keeps its own thread waiting, not this one."""
+        request, address = super().get_request()
+        if self._context is None:
+            return request, address
+        return self._context.wrap_socket(request, server_side=True, do_handshake_on_connect=False), address
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """A connection: the oldest goes where there is no more room."""
@@ -85,13 +98,14 @@ class _BoundedServer(ThreadingHTTPServer):
 class StatusServer(OwnThread):
     """Serves the status last shown."""
 
-    def __init__(self, options: StatusSection, folder: Path) -> None:
-        """Raises ConfigError if the address cannot be had, or the token cannot be read."""
+    def __init__(self, options: StatusSection, folder: Path, tls: TlsSettings | None = None) -> None:
+        """Raises ConfigError if the address cannot be had, or the token or the certificate cannot be read."""
         super().__init__("status", STATUS_CLOSE_S)
+        context = None if tls is None else serving(tls)
         self._gate = TokenGate(read_token(folder / options.token_file) if options.token_file else "")
         self._status: StationStatus | None = None
         try:
-            self._server = _BoundedServer((options.host, options.port or 0), self._handler())
+            self._server = _BoundedServer((options.host, options.port or 0), self._handler(), context)
         except OSError as error:
             raise ConfigError(
                 f"{options.host}:{options.port} cannot be had ({error})",

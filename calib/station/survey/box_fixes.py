@@ -66,7 +66,7 @@ def take_boxes(call: SurveyCall) -> int:
 
 def _doubts(call: SurveyCall) -> dict[str, str]:
     """What the station that runs here, if one does, has against the position of each camera."""
-    running = running_station(call.config.status, Path(call.args.config).parent)
+    running = running_station(call.config, Path(call.args.config).parent)
     if running is None or running.site != call.config.site.name:
         return {}
     against = {item.name: item.reason for item in running.health.items if item.level == "fail"}

@@ -67,6 +67,22 @@ def test_a_box_that_takes_its_position_back_holds_back_the_network_laid_on_it() 
     assert sigma_m(station) < 0.1
 
 
+def test_of_four_the_others_checked_it_and_one_box_silences_nobody() -> None:
+    """What a camera says against its own position is no word against what three others bear out."""
+    scene = make(Spec(cameras=4, uavs=1, rate_hz=10.0, duration_s=5.0))
+    station = station_for(scene)
+    for sent in state_messages(scene):
+        station.handle(sent.key, sent.payload, NOW_NS)
+    station.tick(NOW_NS)
+    station.adopt(scene.network)
+    names, fix = [camera.id for camera in scene.truth], fix_message(scene.truth[0])
+    say(station, names[0], north(fix, 35.0))
+    assert station.calibration.trusted == set(names[1:])
+    assert station.calibration.suspects[names[0]].startswith("its position: it is 34.99")
+    say(station, names[1], replace(fix_message(scene.truth[1]), standing="doubted", quality=0, why="doubted: carried"))
+    assert station.calibration.trusted == set(), "of two nobody knows what the others checked"
+
+
 def doubted(why: str = "doubted: jumps by 1.3 m") -> Fix:
     return replace(first_fix(), standing="doubted", quality=0, why=why)
 
