@@ -1,18 +1,20 @@
 """A folder of images as a source, which may still be growing.
 
 The hazard is the picture that is not whole: the one that is being written, the one that was being written when the
-power went. It decodes, half of it grey. So a picture without its end is left out and counted; and a folder that goes
-away while it is read is an error, not an end.
+power went. It decodes, half of it grey. So a picture without its end is left out and counted, and so is what is none or
+has a name of another kind; and a folder that goes away while it is read is an error, not an end.
 """
 
 import logging
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from edge.capture.frame import Picture, Remark
 from edge.capture.grey import Contrast
@@ -64,7 +66,10 @@ class ImageFolder:
         self._remarks: dict[str, Remark] = {}
         self._loop = loop and not follow
         self._shift_ns = self._last_ns = self._interval_ns = 0
-        self._segment = self._count = self._cut = 0
+        self._first_ns = 0
+        self._segment = self._count = self._index = 0  # index: of the file in this pass, whatever it is
+        self._left_out: Counter[str] = Counter()
+        self._last_out = self._folder
         if not follow and not self._names():
             raise SourceError("holds no picture", where=path, action="give a folder of images")
         self._files = self._follow() if follow else iter(self._names())
@@ -80,7 +85,7 @@ class ImageFolder:
         return list(self._remarks.values())
 
     def read(self) -> Picture | None:
-        """The next whole image; None at the end. Raises SourceError for a file that is no image, or if all is gone."""
+        """The next whole image; None at the end. Raises SourceError if none is an image, or if all is gone."""
         try:
             return self._read()
         except OSError as error:
@@ -89,42 +94,55 @@ class ImageFolder:
 
     def _read(self) -> Picture | None:
         while (file := next(self._files, None)) is not None:
-            data = file.read_bytes()
-            if not is_whole(file.suffix.lower(), data):
-                self._cut += 1
-                said = f"{self._cut} pictures are cut off and left out, {file.name} the last of them"
-                self._remarks["cut"] = Remark(said, "have each written under another name and renamed when whole")
-                continue
-            return self._picture(file, data)
+            image, t_unix_ns = self._image(file), self._stamp_ns(file)
+            if image is not None and t_unix_ns is not None:
+                return self._picture(image, t_unix_ns)
+            self._leave_out("cut off or no pictures" if image is None else "named without the time of others", file)
+        if self._left_out and not self._count:
+            raise SourceError(
+                "is no image that can be read", where=str(self._last_out), action="give a folder of images"
+            )
         if self._loop and self._count:
             self._segment += 1
-            self._shift_ns = self._last_ns + self._interval_ns - (self._stamp_ns(self._names()[0]) - self._shift_ns)
+            self._shift_ns = self._last_ns + self._interval_ns - self._first_ns
+            self._index = 0
             self._files = iter(self._names())
             return self._read()
         return None
 
-    def _picture(self, file: Path, data: bytes) -> Picture:
+    def _leave_out(self, why: str, file: Path) -> None:
+        self._left_out[why] += 1
+        self._last_out = file
+        said = f"{self._left_out[why]} files are {why} and left out, {file.name} the last of them"
+        self._remarks[why] = Remark(said, "have each written under another name and renamed when whole")
+
+    def _image(self, file: Path) -> NDArray[Any] | None:
+        """A file's picture; None if it is cut off, empty or none at all."""
+        data = file.read_bytes()
+        if not data or not is_whole(file.suffix.lower(), data):
+            return None
         flag = cv2.IMREAD_COLOR if self._colour else cv2.IMREAD_GRAYSCALE
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flag | cv2.IMREAD_ANYDEPTH)
-        if image is None:
-            raise SourceError("is no image that can be read", where=str(file), action="remove it from the folder")
-        t_unix_ns = self._stamp_ns(file)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flag | cv2.IMREAD_ANYDEPTH)
+
+    def _picture(self, image: NDArray[Any], t_unix_ns: int) -> Picture:
         if self._count:
             self._interval_ns = max(1, t_unix_ns - self._last_ns)
+        else:
+            self._first_ns = t_unix_ns
         self._last_ns = t_unix_ns
         self._count += 1
         bounded = self._times is not None and (self._times.absolute or self._fps is not None)
         return Picture(t_unix_ns, self._stretch.apply(image), "file", self._bound_s if bounded else None, self._segment)
 
-    def _stamp_ns(self, file: Path) -> int:
+    def _stamp_ns(self, file: Path) -> int | None:
+        """When a file's picture was taken; None if its name carries no time where those of the others do."""
         if self._times is None:
             self._times = understand([file.stem for file in self._names()])
             self._say_times(self._times)
-        value = self._times.of(file.stem)
-        if value is None:  # by order, or a name of another kind in a growing folder
-            value = self._count if self._first is None else self._first + self._count
-        if self._times.absolute:
-            return value + self._shift_ns
+        self._index += 1
+        value = self._index - 1 if self._times.by_order else self._times.of(file.stem)
+        if value is None or self._times.absolute:
+            return None if value is None else value + self._shift_ns
         if self._first is None:
             self._first = value
         return self._t0_unix_ns + self._shift_ns + round((value - self._first) / (self._fps or FOLDER_FPS) * 1e9)

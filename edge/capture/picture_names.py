@@ -22,16 +22,21 @@ _DATE: Final = re.compile(
     r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])[-_T. ]+"
     r"([01]\d|2[0-3])[-_.:h]?([0-5]\d)[-_.:m]?([0-5]\d)(?:[-_.,]?(\d{1,9}))?(?!\d)"
 )
+STRANGE_NAMES: Final = 0.15  # share of a folder's pictures that are of another kind: a snapshot, a cover
 _NUMBERS: Final = re.compile(r"\d+")
 
 
 @dataclass(frozen=True)
 class NameTimes:
-    """How names are read. of: a stem to ns, UTC where `absolute`, else to a number of pictures; None: by order."""
+    """How names are read. of: a stem to ns, UTC where `absolute`, else to a number of pictures; None: it has none.
+
+    by_order: none has; they are taken as they come.
+    """
 
     what: str
     of: Callable[[str], int | None]
     absolute: bool
+    by_order: bool = False
 
 
 def natural(name: str) -> tuple[tuple[bool, int, str], ...]:
@@ -41,7 +46,7 @@ def natural(name: str) -> tuple[tuple[bool, int, str], ...]:
 
 
 def understand(stems: Sequence[str]) -> NameTimes:
-    """The one reading in which every name has a time, and no two the same; else numbers; else the order alone."""
+    """The one reading in which all names but strange ones have a time, no two the same; else numbers; else order."""
     for what, pattern, factor in _UNIX:
         reading = NameTimes(f"UNIX {what}", _unix_reader(pattern, factor), absolute=True)
         if _tells_apart(reading, stems):
@@ -49,17 +54,18 @@ def understand(stems: Sequence[str]) -> NameTimes:
     reading = NameTimes("dates, taken as UTC", _date_ns, absolute=True)
     if _tells_apart(reading, stems):
         return reading
-    groups = min((len(_NUMBERS.findall(stem)) for stem in stems), default=0)
+    groups = max((len(_NUMBERS.findall(stem)) for stem in stems), default=0)
     for group in range(1, groups + 1):  # the last number first: what stands before it names the camera
         reading = NameTimes("numbers", _number_reader(-group), absolute=False)
         if _tells_apart(reading, stems):
             return reading
-    return NameTimes("order", lambda stem: None, absolute=False)
+    return NameTimes("order", lambda stem: None, absolute=False, by_order=True)
 
 
 def _tells_apart(reading: NameTimes, stems: Sequence[str]) -> bool:
-    times = [reading.of(stem) for stem in stems]
-    return bool(times) and None not in times and len(set(times)) == len(times)
+    times = [time for time in map(reading.of, stems) if time is not None]
+    strange = len(stems) - len(times)
+    return bool(times) and strange <= STRANGE_NAMES * len(stems) and len(set(times)) == len(times)
 
 
 def _unix_reader(pattern: re.Pattern[str], factor: int) -> Callable[[str], int | None]:

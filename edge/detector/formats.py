@@ -32,6 +32,7 @@ YOLOX_STRIDES: Final = (8, 16, 32)
 ANCHORS_A_CELL: Final = 3  # of YOLOv3, v5 and v7
 FEWEST_ANCHORS: Final = 1000  # rows: no DETR has so many queries, and no grid of a useful input so few
 SHARES_REACH: Final = 2.0  # of a picture that a box may reach to: beyond it, numbers are pixels
+UNLIKELY: Final = 0.05  # score of a class, given that there is an object: one of them is more likely, if only at chance
 IMAGENET_MEAN: Final = (0.485, 0.456, 0.406)  # RGB, what DETR backbones were trained with
 IMAGENET_STD: Final = (0.229, 0.224, 0.225)
 
@@ -54,7 +55,8 @@ class ModelFormat:
     input size and least score to Candidates. one_column_a_class: whether the outputs say how many classes there are.
     suppressed: whether the model itself keeps one box an object. rgb: the order of its colours, else BGR.
     input_max: what 255 becomes. standardised: whether ImageNet's mean and deviation are taken off. denies: why outputs
-    of a trial picture cannot be of it; empty if they can (what every format's boxes obey, trial.py knows).
+    of a trial picture cannot be of it; empty if they can (what every format's boxes obey, trial.py knows). doubts: why
+    they may be of a family that is not known here; asked where nobody named the format.
     """
 
     name: str
@@ -66,6 +68,7 @@ class ModelFormat:
     input_max: float = 1.0
     standardised: bool = False
     denies: Callable[[Outputs, SizePx], str] = lambda outputs, input_px: ""
+    doubts: Callable[[Outputs], str] = lambda outputs: ""
 
 
 def fitting(model: "Model", input_px: SizePx) -> list[ModelFormat]:
@@ -86,11 +89,13 @@ def one_of(model: "Model", formats: list[ModelFormat], denied: dict[str, str]) -
     named = "" if known is None else f" and {known} class names"
     named += "".join(f", as {name} {why}" for name, why in denied.items())
     readings = f"can be read as {' or '.join(kind.name for kind in formats)}" if formats else "are no known format"
-    raise ModelError(f"has outputs of shapes {shapes}{named}, which {readings}", where=model.path, action=_choice())
-
-
-def _choice() -> str:
-    return f"set detector.format to one of {', '.join(MODEL_FORMATS)}"
+    known_ones = ", ".join(MODEL_FORMATS)
+    action = (
+        f"set detector.format to one of {known_ones}"
+        if formats
+        else f"export it as one of those that detector.format can name: {known_ones}"
+    )
+    raise ModelError(f"has outputs of shapes {shapes}{named}, which {readings}", where=model.path, action=action)
 
 
 def _one_output(model: "Model") -> tuple[int | None, int | None] | None:
@@ -135,9 +140,21 @@ def _fits_end_to_end(model: "Model", input_px: SizePx) -> bool:
     return rows != _cells(input_px) or class_names_in(model) is None
 
 
-def _fits_detr(model: "Model", input_px: SizePx) -> bool:
+def _rows_of_two(model: "Model") -> int | None:
+    """Rows of two outputs, one of them boxes; 0 where they have no fixed number, None for other outputs."""
     shapes = [port.shape for port in model.outputs]
-    return len(shapes) == 2 and all(len(shape) == 3 for shape in shapes) and any(shape[2] == 4 for shape in shapes)
+    fit = len(shapes) == 2 and all(len(shape) == 3 for shape in shapes) and any(shape[2] == 4 for shape in shapes)
+    return (shapes[0][1] or 0) if fit else None
+
+
+def _fits_detr(model: "Model", input_px: SizePx) -> bool:
+    rows = _rows_of_two(model)
+    return rows is not None and rows < FEWEST_ANCHORS
+
+
+def _fits_yolo_nas(model: "Model", input_px: SizePx) -> bool:
+    rows = _rows_of_two(model)
+    return rows is not None and not 0 < rows < FEWEST_ANCHORS
 
 
 def _fits_labels_boxes_scores(model: "Model", input_px: SizePx) -> bool:
@@ -161,13 +178,18 @@ def _denies_yolox_decoded(outputs: Outputs, input_px: SizePx) -> str:
     return "an objectness of 1 everywhere" if np.all(outputs[0][0][:, 4] == 1.0) else ""
 
 
+def _doubts_yolox_decoded(outputs: Outputs) -> str:
+    """Rows of YOLOv8 without names look the same: their first class is taken for the objectness."""
+    return "classes that are nowhere likely" if float(outputs[0][0][:, 5:].max(initial=0.0)) < UNLIKELY else ""
+
+
 def _denies_detr(outputs: Outputs, input_px: SizePx) -> str:
-    boxes = outputs[0] if outputs[0].shape[2] == 4 else outputs[1]
+    boxes, _ = _boxes_and_classes(outputs, shares=True)
     return "boxes far beyond shares of the picture" if float(np.abs(boxes).max(initial=0.0)) > SHARES_REACH else ""
 
 
 def _denies_yolo_nas(outputs: Outputs, input_px: SizePx) -> str:
-    boxes, scores = _boxes_and_classes(outputs)
+    boxes, scores = _boxes_and_classes(outputs, shares=False)
     if float(np.abs(boxes).max(initial=0.0)) <= SHARES_REACH:
         return "all boxes within one pixel"
     return "" if float(scores.min(initial=0.0)) >= 0 and float(scores.max(initial=0.0)) <= 1 else "scores beyond 0 to 1"
@@ -184,14 +206,24 @@ def class_names_in(model: "Model") -> int | None:
     return len(names) if names else None
 
 
-def _boxes_and_classes(outputs: Outputs) -> tuple[NDArray[Any], NDArray[Any]]:
-    return (outputs[0], outputs[1]) if outputs[0].shape[2] == 4 else (outputs[1], outputs[0])
+def _boxes_and_classes(outputs: Outputs, *, shares: bool) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Which of two outputs holds the boxes: that of four columns. shares: whether they are shares of the picture.
+
+    With four classes both have four: then shares lie within 0 and 1, and pixels reach further than scores.
+    """
+    one, other = outputs
+    if one.shape[2] != 4 or other.shape[2] != 4:
+        return (one, other) if one.shape[2] == 4 else (other, one)
+    within = [bool(np.all((value >= 0) & (value <= 1))) for value in outputs]
+    swapped = within == [False, True] if shares else within == [True, False]
+    return (other, one) if swapped else (one, other)
 
 
 def read_class_names(model: "Model") -> tuple[str, ...]:
     """The class names that the model's author wrote into it, as Ultralytics does; empty if there are none."""
+    note = model.notes.get("names", "()")
     try:
-        names = ast.literal_eval(model.notes.get("names", "()"))
+        names = None if note == "null" else ast.literal_eval(note)
     except (ValueError, SyntaxError) as error:
         action = "set detector.class_names"
         raise ModelError(f"its note of class names is garbled ({error})", where=model.path, action=action) from error
@@ -204,6 +236,15 @@ def read_class_names(model: "Model") -> tuple[str, ...]:
     except TypeError as error:
         action = "set detector.class_names"
         raise ModelError(f"its note of class names is garbled ({error})", where=model.path, action=action) from error
+
+
+def garbled_names(model: "Model") -> bool:
+    """Whether a model's note of its class names cannot be read."""
+    try:
+        read_class_names(model)
+    except ModelError:
+        return True
+    return False
 
 
 def decode_yolov8(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
@@ -240,7 +281,7 @@ def decode_rtdetr(outputs: Outputs, input_px: SizePx, score_min: float) -> Candi
 
 def decode_yolo_nas(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
     """Corners `[1, N, 4]` in input pixels and class scores `[1, N, nc]` (YOLO-NAS)."""
-    boxes, classes = _boxes_and_classes(outputs)
+    boxes, classes = _boxes_and_classes(outputs, shares=False)
     score = classes[0].max(axis=1)
     keep = score >= score_min
     corners, chosen = boxes[0][keep].astype(np.float64), classes[0][keep].astype(np.float64)
@@ -272,8 +313,7 @@ def _yolox_grid(input_px: SizePx) -> tuple[Array, Array]:
 
 def decode_detr(outputs: Outputs, input_px: SizePx, score_min: float) -> Candidates:
     """Boxes `[1, N, 4]`, centre and size as shares of the input, and logits `[1, N, nc]` (RF-DETR)."""
-    first_is_boxes = outputs[0].shape[2] == 4
-    boxes, logits = (outputs[0], outputs[1]) if first_is_boxes else (outputs[1], outputs[0])
+    boxes, logits = _boxes_and_classes(outputs, shares=True)
     classes = 1.0 / (1.0 + np.exp(-logits[0].astype(np.float64)))
     score = classes.max(axis=1)
     keep = score >= score_min
@@ -314,7 +354,7 @@ MODEL_FORMATS: Final[dict[str, ModelFormat]] = {
         ModelFormat(
             "rtdetr", _fits_rtdetr, decode_rtdetr, one_column_a_class=True, suppressed=True, denies=_denies_rtdetr
         ),
-        ModelFormat("yolo_nas", _fits_detr, decode_yolo_nas, one_column_a_class=True, denies=_denies_yolo_nas),
+        ModelFormat("yolo_nas", _fits_yolo_nas, decode_yolo_nas, one_column_a_class=True, denies=_denies_yolo_nas),
         # YOLOX alone was trained on BGR, and on 0 to 255.
         ModelFormat("yolox", _fits_yolox, decode_yolox, one_column_a_class=True, rgb=False, input_max=255.0),
         ModelFormat(
@@ -325,6 +365,7 @@ MODEL_FORMATS: Final[dict[str, ModelFormat]] = {
             rgb=False,
             input_max=255.0,
             denies=_denies_yolox_decoded,
+            doubts=_doubts_yolox_decoded,
         ),
         ModelFormat(
             "detr",

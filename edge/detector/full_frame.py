@@ -4,7 +4,7 @@ What a model wants at its input (layout, type, range, order of colours) is read 
 by `edge/detector/formats.py`; here frames become inputs and boxes become raw frame pixels again.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import cv2
@@ -24,6 +24,7 @@ from edge.detector.formats import (
     Candidates,
     ModelFormat,
     fitting,
+    garbled_names,
     one_of,
     read_class_names,
 )
@@ -54,7 +55,10 @@ def input_spec(model: Model, wanted_px: tuple[int, int] | None) -> InputSpec:
     if len(port.shape) != 4 or port.type not in DTYPES:
         action = "give a model with one image input of floats or bytes"
         raise ModelError(f"its input {port.name} {port.shape} {port.type} is no image", where=model.path, action=action)
-    _, a, b, c = port.shape
+    batch, a, b, c = port.shape
+    if batch not in (None, 1):
+        action = "export it again for one image: batch 1"
+        raise ModelError(f"takes {batch} images at once", where=model.path, action=action)
     if a in (1, 3):
         channels, height, width, first = a, b, c, True
     elif c in (1, 3):
@@ -88,6 +92,8 @@ class FullFrame:
 
     def __init__(self, model: Model, config: DetectorConfig) -> None:
         """Raises ModelError if the model's shapes cannot be understood."""
+        if config.class_names and garbled_names(model):
+            model = replace(model, notes={**model.notes, "names": str(config.class_names)})
         self._model = model
         self._config = config
         self._input = input_spec(model, config.input_size_px)
@@ -126,7 +132,8 @@ class FullFrame:
             if self._config.format != AUTO:
                 raise
             return "shapes of another"
-        return kind.denies(outputs, self._input.size_px) or contradiction(found, self._input.size_px)
+        why = kind.denies(outputs, self._input.size_px) or (self._config.format == AUTO and kind.doubts(outputs)) or ""
+        return why or contradiction(found, self._input.size_px, padded=kind.suppressed)
 
     def _check_by_running(self) -> None:
         """Run once on grey, so that a wrong shape is found at the start and not in flight."""

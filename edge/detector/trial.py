@@ -16,10 +16,12 @@ DOT_LEVEL: Final = 20  # grey level of the dot
 DOT_SHARE: Final = 0.03  # of the picture's shorter side
 JUDGED_ROWS: Final = 100  # the surest; what lies below is noise in any reading
 LEAST_SCORE: Final = 1e-6  # below it rows are padding
+MOST_CONTRARY_WEAK: Final = 0.5  # of those without a score, which nobody trained to be good
 MOST_CONTRARY: Final = 0.02  # share of rows that may be odd: a half-trained model's are
 PICTURES_WIDE: Final = 2.0  # times the picture
 FURTHEST_OUT: Final = 0.25  # of the picture's side, that centres may lie outside
 SURE_SCORE: Final = 0.5  # score
+ONE_PLACE: Final = 0.1  # of the picture's side around the surest row: a grid has many rows for one object
 MANY_ROWS: Final = 50  # of which most being sure says that scores are read wrongly: one dot is shown
 
 
@@ -32,14 +34,15 @@ def trial_picture(size_px: SizePx, channels: int) -> NDArray[np.uint8]:
     return image if channels == 1 else np.repeat(image[:, :, None], channels, axis=2)
 
 
-def contradiction(found: Candidates, input_px: SizePx) -> str:
-    """Why boxes of the trial picture, decoded at a least score of 0, cannot be right; empty if they can."""
-    finite = np.isfinite(found.centre).all(axis=1) & np.isfinite(found.size).all(axis=1) & np.isfinite(found.score)
-    keep = np.argsort(np.where(finite, -found.score, np.inf), kind="stable")[:JUDGED_ROWS]
-    keep = keep[finite[keep] & (found.score[keep] >= LEAST_SCORE)]
-    if not len(keep):
+def contradiction(found: Candidates, input_px: SizePx, *, padded: bool = False) -> str:
+    """Why boxes of the trial picture, decoded at a least score of 0, cannot be right; empty if they can.
+
+    padded: whether rows without a score may be no boxes at all; else they are judged too where no other is there.
+    """
+    judged, contrary = _judged(found, padded)
+    if not len(judged):
         return ""
-    centre, size, score = found.centre[keep], found.size[keep], found.score[keep]
+    centre, size, score = found.centre[judged], found.size[judged], found.score[judged]
     limit = np.array(input_px, dtype=np.float64)
     odd = {
         "sizes below 0": (size < 0).any(axis=1),
@@ -50,10 +53,22 @@ def contradiction(found: Candidates, input_px: SizePx) -> str:
         "scores above 1": score > 1 + 1e-3,
     }
     for what, rows in odd.items():
-        if rows.mean() > MOST_CONTRARY:
+        if rows.mean() > contrary:
             return what
     if np.all(np.abs(centre) <= PICTURES_WIDE) and np.all(np.abs(size) <= PICTURES_WIDE):
         return "all boxes within a pixel or two"
-    if len(score) >= MANY_ROWS and (score > SURE_SCORE).mean() > SURE_SCORE:
+    elsewhere = np.any(np.abs(centre - centre[0]) > ONE_PLACE * limit, axis=1)  # the surest is the first
+    if len(score) >= MANY_ROWS and (elsewhere & (score > SURE_SCORE)).mean() > SURE_SCORE:
         return "a picture full of objects where one dot is shown"
     return ""
+
+
+def _judged(found: Candidates, padded: bool) -> tuple[NDArray[np.intp], float]:
+    """Which rows are judged, surest first, and the share of them that may be odd."""
+    finite = np.isfinite(found.centre).all(axis=1) & np.isfinite(found.size).all(axis=1) & np.isfinite(found.score)
+    order = np.argsort(np.where(finite, -found.score, np.inf), kind="stable")
+    order = order[finite[order]]
+    sure = order[found.score[order] >= LEAST_SCORE]
+    if len(sure) or padded:
+        return sure[:JUDGED_ROWS], MOST_CONTRARY
+    return order[np.any(found.size[order] != 0, axis=1)][:JUDGED_ROWS], MOST_CONTRARY_WEAK

@@ -88,7 +88,47 @@ def test_cut_off_and_hidden_pictures_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "._0.jpg").write_bytes(b"not a picture")
     source = ImageFolder(str(tmp_path), t0_unix_ns=T0, bound_s=0.0, fps=20)
     assert len(frames_of(source)) == 4
-    assert any("2 pictures are cut off" in remark.what for remark in source.remarks)
+    assert any("2 files are cut off" in remark.what for remark in source.remarks)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".bmp", ".webp"])
+@pytest.mark.parametrize("damage", ["empty", "half", "another"])
+def test_a_file_that_is_no_whole_picture_ends_nothing(tmp_path: Path, suffix: str, damage: str) -> None:
+    rng = np.random.default_rng(181)
+    for k in range(4):
+        cv2.imwrite(str(tmp_path / f"{k}{suffix}"), rng.integers(0, 255, (64, 64), np.uint8))
+    whole = (tmp_path / f"1{suffix}").read_bytes()
+    (tmp_path / f"1{suffix}").write_bytes(
+        {"empty": b"", "half": whole[: len(whole) // 2], "another": b"<html>"}[damage]
+    )
+    source = ImageFolder(str(tmp_path), t0_unix_ns=T0, bound_s=0.0, fps=20, loop=True)
+    stamps = [source.read().t_unix_ns - T0 for _ in range(6)]
+    assert stamps == [k * 50 * MS for k in (0, 2, 3, 4, 6, 7)]
+    assert [remark.what for remark in source.remarks][1:] == [
+        f"2 files are cut off or no pictures and left out, 1{suffix} the last of them"
+    ]
+
+
+@pytest.mark.parametrize("stray", ["snapshot", "cover", "_thumbnail"])
+@pytest.mark.parametrize("follow", [False, True])
+def test_a_name_of_another_kind_is_left_out_and_never_dated(tmp_path: Path, stray: str, follow: bool) -> None:
+    for k in range(10):
+        write(tmp_path / f"{(T0 + k * 40 * MS) // MS}.png", k)
+    stop = threading.Event()
+    source = ImageFolder(str(tmp_path), t0_unix_ns=5, bound_s=0.01, fps=None, follow=follow, stop=stop)
+    first = source.read()
+    write(tmp_path / f"{stray}.png", 99)  # it comes while the folder is read, or was there
+    write(tmp_path / f"{(T0 + 400 * MS) // MS}.png", 10)
+    if not follow:
+        source = ImageFolder(str(tmp_path), t0_unix_ns=5, bound_s=0.01, fps=None)
+        first = source.read()
+    stop.set()
+    frames = [first, *frames_of(source)]
+    assert {frame.t_unix_ns: int(frame.image[0, 0]) for frame in frames} == {
+        T0 + k * 40 * MS: k for k in range(len(frames))
+    }
+    assert len(frames) >= 10
+    assert any(f"{stray}.png" in remark.what for remark in source.remarks)
 
 
 def test_a_folder_that_goes_away_or_is_empty_is_an_error(tmp_path: Path) -> None:

@@ -108,17 +108,80 @@ def test_a_format_that_a_run_contradicts_is_refused_even_if_named(tmp_path: Path
         detect(path, format="end_to_end")
 
 
-@pytest.mark.parametrize("note", ["None", "1"])
+@pytest.mark.parametrize("note", ["None", "1", "null"])
 def test_notes_without_names_are_none(tmp_path: Path, note: str) -> None:
     out = np.zeros((1, 5, 8400), np.float32)
     assert len(detect(constant_model(tmp_path / "m.onnx", {"o": out}, notes={"names": note}))) == 0
 
 
-@pytest.mark.parametrize("note", ["null", "[1, 2", "{'a': 1, 2: 'b'}"])
+@pytest.mark.parametrize("note", ["nil", "[1, 2", "{'a': 1, 2: 'b'}"])
 def test_garbled_names_are_named(tmp_path: Path, note: str) -> None:
     out = np.zeros((1, 5, 8400), np.float32)
     with pytest.raises(ModelError, match=r"class names.*detector\.class_names"):
         detect(constant_model(tmp_path / "m.onnx", {"o": out}, notes={"names": note}))
+    assert len(detect(tmp_path / "m.onnx", class_names=("a",))) == 0  # what the advice says helps
+
+
+def four_classes(family, rng: np.random.Generator) -> Outputs:
+    """Boxes and scores of four columns each, the scores first."""
+    if family == "yolo_nas":
+        return dict(reversed(yolo_nas(rng, 4).items()))
+    centre, size = in_input()
+    boxes = rng.uniform(0.05, 0.95, (1, 300, 4)).astype(np.float32)
+    logits = rng.normal(-1.2, 0.4, (1, 300, 4)).astype(np.float32)  # a few above 0, none beyond two in size
+    boxes[0, 9], logits[0, :, 0] = (*(centre / PX), *(size / PX)), -1.9
+    logits[0, 9, 0] = 1.9
+    return {"pred_logits": logits, "pred_boxes": boxes}
+
+
+@pytest.mark.parametrize("family", ["yolo_nas", "detr"])
+@pytest.mark.parametrize("seed", range(182, 187))
+def test_boxes_are_told_from_the_scores_of_four_classes(tmp_path: Path, family: str, seed: int) -> None:
+    path = constant_model(tmp_path / "m.onnx", four_classes(family, np.random.default_rng(seed)))
+    detector = open_detector(DetectorConfig(model=str(path)), background=False)
+    assert detector._format.name == family
+    found = detect(path)
+    best = int(np.argmax(found.score))
+    assert found.centre_px[best] == pytest.approx(CENTRE_PX, abs=0.1)
+    assert found.size_px[best] == pytest.approx(SIZE_PX, rel=0.01)
+
+
+@pytest.mark.parametrize("classes", [1, 2, 4, 80])
+@pytest.mark.parametrize("named", [True, False])
+def test_rows_of_yolov8_are_refused(tmp_path: Path, classes: int, named: bool) -> None:
+    """Turned on their side they look like YOLOX's rows, of which the objectness would be the first class."""
+    rng = np.random.default_rng(classes)
+    out = np.concatenate(
+        [rng.uniform(0, PX, (8400, 2)), rng.uniform(8, 60, (8400, 2)), rng.uniform(0, 0.02, (8400, classes))], axis=1
+    )
+    notes = names(classes) if named else {}
+    path = constant_model(tmp_path / "m.onnx", {"output0": out[None].astype(np.float32)}, notes=notes)
+    with pytest.raises(ModelError, match="which are no known format; export it as one of"):
+        detect(path)
+
+
+@pytest.mark.parametrize("family", [yolov5, yolov6, yolox_decoded])
+def test_many_rows_of_the_one_dot_are_no_picture_full_of_objects(tmp_path: Path, family) -> None:
+    outputs = family(np.random.default_rng(188), 2)
+    table = next(iter(outputs.values()))[0]
+    rows = np.random.default_rng(189).choice(len(table), 90, replace=False)
+    table[rows, :2] = np.array([0.4, 0.4]) * PX + np.random.default_rng(190).uniform(-16, 16, (90, 2))
+    table[rows, 4:6] = 0.9 if family is not yolov6 else (1.0, 0.9)
+    path = constant_model(tmp_path / "m.onnx", outputs)
+    assert open_detector(DetectorConfig(model=str(path)), background=False)._format.name == family.__name__
+
+
+def test_a_model_that_gives_the_trial_picture_no_score_is_told_by_its_boxes(tmp_path: Path) -> None:
+    outputs = yolox_decoded(np.random.default_rng(191), 3)
+    outputs["output"][0, :, 4] = 0.0
+    path = constant_model(tmp_path / "m.onnx", outputs)
+    assert open_detector(DetectorConfig(model=str(path)), background=False)._format.name == "yolox_decoded"
+
+
+def test_a_model_for_several_images_at_once_is_named(tmp_path: Path) -> None:
+    path = constant_model(tmp_path / "m.onnx", yolov6(np.random.default_rng(0), 1), input_shape=(4, 3, PX, PX))
+    with pytest.raises(ModelError, match="takes 4 images at once; export it again for one image"):
+        detect(path)
 
 
 @pytest.mark.parametrize(
