@@ -5,6 +5,7 @@ Where there is no report, arrival is all there is: always late, by a delay that 
 while are the measure. And a presentation time rounded to whole frames is off by up to half a frame.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Final
@@ -18,6 +19,7 @@ SENDER_BOUND_S: Final = (
 SENSOR_BOUND_S: Final = 0.002  # s: driver stamps jitter by a USB microframe to a scheduler tick
 MONOTONIC_PLAUSIBLE_S: Final = 10.0  # s: a driver stamp further than this from now is of another clock
 NETWORK_HOLDS_S: Final = 10.0  # s: what buffers on the way to a box hold of a video stream, and more
+FIRST_FRAMES: Final = 12  # after that, among which the least delay to begin with is sought
 MOST_DRIFT_PPM: Final = 100.0  # of a quartz without a thermostat, and some
 
 
@@ -66,6 +68,32 @@ class GrownDelay:
         self._runs_slow = self._runs_slow or grown_s > NETWORK_HOLDS_S
         self.grown_s = 0.0 if self._runs_slow else grown_s
         return self.grown_s
+
+
+@dataclass
+class ShrunkDelay:
+    """By how much frames may be stamped too late: what their least delay has become less by since the stream settled.
+
+    A stream that runs fast, or jumps ahead by less than its delay, and a network that becomes quicker look the same.
+    """
+
+    _begin_ns: int | None = None
+    _frames: int = 0
+    _at_first_s: float = math.inf
+    _least_s: float = math.inf
+
+    def update_s(self, arrival_ns: int, delay_s: float) -> float | None:
+        """The loss, s, after one more frame; None until it is known what there was to lose."""
+        if self._begin_ns is None:
+            self._begin_ns = arrival_ns
+        if arrival_ns - self._begin_ns < SETTLED_S * 1e9:  # what was buffered while the stream was opened comes late
+            return None
+        self._frames += 1
+        self._least_s = min(self._least_s, delay_s)
+        if self._frames <= FIRST_FRAMES:
+            self._at_first_s = self._least_s
+            return None
+        return self._at_first_s - self._least_s
 
 
 @dataclass

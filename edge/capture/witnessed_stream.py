@@ -14,7 +14,16 @@ from dataclasses import dataclass
 from typing import Final
 
 from edge.capture.frame import Remark, TimeSource
-from edge.capture.stamps import ARRIVAL_BOUND_S, SENDER_BOUND_S, SETTLED_S, GrownDelay, LeastDelay, StreamDrift
+from edge.capture.stamps import (
+    ARRIVAL_BOUND_S,
+    SENDER_BOUND_S,
+    SETTLED_S,
+    GrownDelay,
+    LeastDelay,
+    ShrunkDelay,
+    StreamDrift,
+)
+from edge.capture.unevenness import Jitter, StampNoise
 from edge.common.utc import Dated
 
 JUMPED_S: Final = 1.0  # s by which stream time may run ahead of arrival between two frames, or fall back
@@ -24,9 +33,8 @@ HOPELESS_S: Final = 2.0  # s that even the least delayed frame lies before its a
 TRUE_RATE: Final = 0.08  # share by which the rate of stream time may be off: 60 ms of jitter in a block, five blocks
 RATE_BLOCK_S: Final = 1.0  # s over which a rate is taken
 RATE_BLOCKS: Final = 5  # whose median is the rate: one stall of the network is one block
-JITTER_FRAMES: Final = 100  # frames that tell how unevenly they arrive
-JITTER_RANK: Final = 0.95  # of them
 SENDER_SLACK_S: Final = 0.005  # s of growing delay that the sender's bound covers by itself
+SHRUNK_SLACK_S: Final = 0.003  # s by which the least delay becomes less by chance
 JITTER_FACTOR: Final = 1.5  # times the jitter that a delay may have grown without a word
 
 
@@ -61,26 +69,6 @@ class Rate:
         return sorted(self._blocks)[RATE_BLOCKS // 2] if len(self._blocks) == RATE_BLOCKS else None
 
 
-class Jitter:
-    """How unevenly frames arrive, s: by second differences, which a delay that grows steadily leaves at zero."""
-
-    def __init__(self) -> None:
-        self._last: deque[float] = deque(maxlen=3)
-        self._seen: deque[float] = deque(maxlen=JITTER_FRAMES)
-
-    def update(self, delay_s: float) -> None:
-        """The delay of one more frame."""
-        self._last.append(delay_s)
-        if len(self._last) == 3:
-            before, here, after = self._last
-            self._seen.append(abs(here - (before + after) / 2))
-
-    @property
-    def value_s(self) -> float:
-        """What all but a few frames stay below."""
-        return sorted(self._seen)[int(JITTER_RANK * len(self._seen))] if self._seen else 0.0
-
-
 class WitnessedStream:
     """Dates the frames of one opening of a stream. remarks: what its witnesses say against each other, so far."""
 
@@ -98,6 +86,8 @@ class WitnessedStream:
         self._grown = GrownDelay(grown_s)
         self._rate = Rate()
         self._jitter = Jitter()
+        self._noise = StampNoise()
+        self._shrunk = ShrunkDelay()
         self._first_arrival_ns: int | None = None
         self._least_delay_s: float | None = None
         self._last_arrival_ns: int | None = None
@@ -120,17 +110,19 @@ class WitnessedStream:
         line_ns = self._line.arrived_ns(stream_ns, arrival_ns)
         late_s = (arrival_ns - line_ns) / 1e9
         self._jitter.update(late_s)
+        self._noise.update(stream_ns / 1e9, arrival_ns / 1e9)
         runs_true = self._runs_true()
         grown_s = self._grown.update_s(stream_ns, arrival_ns, runs_true=runs_true)
         if runs_true:
             sent = self._sent(stream_ns, arrival_ns, line_ns, sent_unix_ns, date)
             if sent is not None:
-                return sent if settled else StreamStamp(sent.t_unix_ns, "sender", None)
+                return sent
             dated = date(line_ns)
             bound_s = max(ARRIVAL_BOUND_S, late_s) + max(0.0, grown_s - late_s - SENDER_SLACK_S) + dated.doubt_s
             return StreamStamp(dated.t_unix_ns, "arrival", bound_s if settled else None)
         dated = date(arrival_ns)
-        bound_s = ARRIVAL_BOUND_S + self._jitter.value_s + self._overdue_s(arrival_ns) + grown_s + dated.doubt_s
+        jitter_s = JITTER_FACTOR * self._jitter.value_s
+        bound_s = ARRIVAL_BOUND_S + jitter_s + self._overdue_s(arrival_ns) + grown_s + dated.doubt_s
         return StreamStamp(dated.t_unix_ns, "arrival", bound_s if settled else None)
 
     def _is_stray(self, stream_ns: int, arrival_ns: int) -> bool:
@@ -180,7 +172,7 @@ class WitnessedStream:
             return None
         dated = date(arrival_ns)
         if dated.doubt_s:  # this box's UTC was stepped: what was learned was against another
-            self._least_delay_s = None
+            self._least_delay_s, self._shrunk = None, ShrunkDelay()
         sent_ns = sent_unix_ns + self._drift.drift_ns(stream_ns, date(line_ns).t_unix_ns, sent_unix_ns)
         delay_s = (dated.t_unix_ns - sent_ns) / 1e9
         least_s = self._least_delay_s = min(delay_s, delay_s if self._least_delay_s is None else self._least_delay_s)
@@ -188,7 +180,16 @@ class WitnessedStream:
             self._say_clock(least_s)
             return None
         grown_s = delay_s - least_s
-        bound_s = SENDER_BOUND_S
+        shrunk_s, noise_s = self._shrunk.update_s(arrival_ns, delay_s), self._noise.value_s
+        if shrunk_s is None or noise_s is None:
+            return StreamStamp(sent_ns, "sender", None)
+        bound_s = SENDER_BOUND_S + noise_s
+        if shrunk_s > SHRUNK_SLACK_S:
+            bound_s += shrunk_s + JITTER_FACTOR * self._jitter.value_s
+        if least_s < -SENDER_BOUND_S:  # no frame is taken after it arrives: how long it was on its way, nobody knows
+            bound_s = max(bound_s, ARRIVAL_BOUND_S - least_s)
+            said = f"its clock says {-least_s * 1e3:.0f} ms after frames arrive: its stamps are as uncertain, and more"
+            self._say("ahead", said)
         if grown_s > max(SENDER_SLACK_S, JITTER_FACTOR * self._jitter.value_s):
             bound_s = max(bound_s, delay_s)  # taken at some time between the sender's and the arrival
         elif grown_s > SENDER_SLACK_S:  # as uneven as ever; but so begins a stream that slows down
@@ -213,6 +214,7 @@ _ACTIONS: Final = {
     "stray": "ask the camera for its stream directly, and not through a recorder",
     "jump": "restart the camera's stream, or whatever passes it on, to have the sender's time again",
     "rate": "set the camera to a fixed frame rate; use RTSP instead of HTTP",
+    "ahead": "set the camera's clock by NTP, or this box's if it is wrong",
     "slow": "set the camera's clock by NTP; let it send without buffering",
     "clock": "set the camera's clock by NTP, or this box's if it is wrong",
 }

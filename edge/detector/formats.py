@@ -32,7 +32,9 @@ YOLOX_STRIDES: Final = (8, 16, 32)
 ANCHORS_A_CELL: Final = 3  # of YOLOv3, v5 and v7
 FEWEST_ANCHORS: Final = 1000  # rows: no DETR has so many queries, and no grid of a useful input so few
 SHARES_REACH: Final = 2.0  # of a picture that a box may reach to: beyond it, numbers are pixels
-UNLIKELY: Final = 0.05  # score of a class, given that there is an object: one of them is more likely, if only at chance
+NOWHERE_LIKELY: Final = (
+    0.05  # score of a class, given that there is an object: one of them is more likely, if only at chance
+)
 IMAGENET_MEAN: Final = (0.485, 0.456, 0.406)  # RGB, what DETR backbones were trained with
 IMAGENET_STD: Final = (0.229, 0.224, 0.225)
 
@@ -180,7 +182,7 @@ def _denies_yolox_decoded(outputs: Outputs, input_px: SizePx) -> str:
 
 def _doubts_yolox_decoded(outputs: Outputs) -> str:
     """Rows of YOLOv8 without names look the same: their first class is taken for the objectness."""
-    return "classes that are nowhere likely" if float(outputs[0][0][:, 5:].max(initial=0.0)) < UNLIKELY else ""
+    return "classes that are nowhere likely" if float(outputs[0][0][:, 5:].max(initial=0.0)) < NOWHERE_LIKELY else ""
 
 
 def _denies_detr(outputs: Outputs, input_px: SizePx) -> str:

@@ -13,7 +13,7 @@ from edge.capture.live import RtspStream, open_rtsp
 from edge.capture.witnessed_stream import WitnessedStream
 from edge.common.utc import Dated, UtcMapping
 from tools.doubles.rtsp_camera import RtspCamera
-from tools.doubles.streams import UTC_NS, mixtures, scenes
+from tools.doubles.streams import UTC_NS, StreamScene, mixtures, scenes, uneven
 
 BITS = 16
 FPS = 25.0
@@ -58,13 +58,18 @@ def measure(seconds: float, *, reports: bool, drift_ppm: float) -> str:
     return f"{source}, drift {drift_ppm:g} ppm: {len(off)} frames, {figures}"
 
 
+def kinds(seed: int) -> dict[str, StreamScene]:
+    """Every way in which streams lie."""
+    return scenes(seed) | mixtures(seed) | uneven(seed)
+
+
 def measure_scene(name: str, seeds: range, seconds: float) -> str:
     """One line of figures of streams that lie in one way (tools/doubles/streams.py), in virtual time, seeds of them."""
     frames = bounded = outside = 0
     worst_s, bounds = 0.0, []
     for seed in seeds:
         clock = WitnessedStream()
-        for frame in (scenes(seed) | mixtures(seed))[name].frames(seconds, np.random.default_rng(seed)):
+        for frame in kinds(seed)[name].frames(seconds, np.random.default_rng(seed)):
             stamp = clock.stamp(frame.stream_ns, frame.arrival_ns, frame.sent_unix_ns, lambda t: Dated(t + UTC_NS, 0.0))
             frames += 1
             if stamp.bound_s is None:
@@ -88,7 +93,7 @@ def main() -> int:
     seconds = arguments.seconds
     for reports, drift_ppm in ((True, 0.0), (True, 50.0), (False, 0.0)):
         print(measure(seconds, reports=reports, drift_ppm=drift_ppm), flush=True)
-    for name in [*scenes(0), *mixtures(0)]:
+    for name in kinds(0):
         print(measure_scene(name, seeds, min(seconds, 60.0)), flush=True)
     return 0
 

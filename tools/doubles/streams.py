@@ -141,3 +141,38 @@ def mixtures(seed: int) -> dict[str, StreamScene]:
             for how, stall in networks.items():
                 found[f"{name}, {how}{says}"] = StreamScene(fps, streams[name], clock_s, delay, jitter, stall)
     return found
+
+
+def uneven(seed: int) -> dict[str, StreamScene]:
+    """Stamps that are off by less than a second: uneven, rounded, by twos, a little faster, a little ahead.
+
+    A stream with reports that begins to run much faster is not among them: that shows a frame later than it is so.
+    """
+    rng = np.random.default_rng(seed)
+    fps = float(rng.choice([5, 8, 10, 12.5, 15, 25, 29.97, 50, 60]))
+    at, every, step = float(rng.uniform(6, 25)), float(rng.uniform(2, 8)), float(rng.uniform(0.02, 0.9))
+    faster, noise_s, tick_s = (
+        float(rng.uniform(1.1, 3.0)),
+        float(rng.uniform(0.01, 0.045)),
+        float(rng.uniform(0.03, 0.1)),
+    )
+    delay, jitter, ahead = (
+        float(rng.uniform(0.005, 0.06)),
+        float(rng.uniform(0.0, 0.006)),
+        float(rng.uniform(0.02, 0.4)),
+    )
+    off = rng.uniform(-1, 1, 5000)
+    streams: dict[str, Callable[[int, float], float]] = {
+        "by twos, ahead": lambda k, t: (k + k % 2) / fps,
+        "by threes": lambda k, t: (k - k % 3) / fps,
+        "noisy": lambda k, t: t + (noise_s * off[k % len(off)] if k else 0.0),
+        "rounded": lambda k, t: round(t / tick_s) * tick_s,
+        "steps ahead": lambda k, t: t + step * int(t / every),
+        "steps back": lambda k, t: t - step * int(t / every),
+        "faster later": lambda k, t: t if t < at else at + (t - at) * faster,
+    }
+    found = {name: StreamScene(fps, stream, None, delay, jitter) for name, stream in streams.items()}
+    found |= {f"{name}, reports": StreamScene(fps, stream, 0.0, delay, jitter) for name, stream in streams.items()}
+    del found["faster later, reports"]
+    found["clock a little ahead"] = StreamScene(fps, lambda k, t: t, delay + ahead, delay, jitter)
+    return found

@@ -5,7 +5,7 @@ import pytest
 
 from edge.capture.witnessed_stream import StreamStamp, WitnessedStream
 from edge.common.utc import Dated
-from tools.doubles.streams import UTC_NS, StreamScene, mixtures, scenes
+from tools.doubles.streams import UTC_NS, StreamScene, mixtures, scenes, uneven
 
 SECONDS = 45.0
 
@@ -25,7 +25,7 @@ def run(scene: StreamScene, seed: int) -> tuple[WitnessedStream, list[tuple[floa
 
 @pytest.mark.parametrize("seed", range(20))
 def test_no_stamp_is_outside_its_bound(seed: int) -> None:
-    twice = mixtures(seed) if seed < 8 else {}
+    twice = mixtures(seed) | uneven(seed) if seed < 8 else {}
     for name, scene in (scenes(seed) | twice).items():
         _, stamps = run(scene, seed)
         outside = [error for error, stamp in stamps if stamp.bound_s is not None and abs(error) > stamp.bound_s]
