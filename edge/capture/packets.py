@@ -21,6 +21,10 @@ AHEAD_PACKETS: Final = 64  # by which packets may run before their pictures: no 
 JPEG_BEGIN: Final = b"\xff\xd8"
 JPEG_SIZES: Final = frozenset({0xC0, 0xC1, 0xC2})  # markers of the segments that say a picture's size
 SEQUENCE_HEADER: Final = b"\x00\x00\x01\xb3"  # of MPEG video; the size is in the three bytes after it
+MPEG4_PICTURE: Final = b"\x00\x00\x01\xb6"  # of MPEG-4 part 2, where that header is a time
+MOST_TRIALS: Final = (
+    8  # key frames of one file that are opened by themselves: parameters that change all the time say nothing
+)
 # A parameter set up to the next unit, of H.264 (type 7) and of HEVC (type 33, layer 0).
 H264_SET: Final = re.compile(rb"\x00\x00\x01([\x07\x27\x47\x67].+?)(?=\x00\x00\x01|\x00\x00\x00|$)", re.DOTALL)
 HEVC_SET: Final = re.compile(rb"\x00\x00\x01(\x42\x01.+?)(?=\x00\x00\x01|\x00\x00\x00|$)", re.DOTALL)
@@ -78,9 +82,9 @@ class PacketWitness:
             self._suffix, self._first = kind_of_packet(packet), packet
             self._verdicts[parameters(packet, self._suffix)] = ""
         elif here := parameters(packet, self._suffix):
-            if here not in self._verdicts:
+            if here not in self._verdicts and len(self._verdicts) <= MOST_TRIALS:
                 self._verdicts[here] = self._differs(packet)
-            self._verdict = self._verdicts[here]
+            self._verdict = self._verdicts.get(here, "")
 
     def _differs(self, packet: bytes) -> str:
         """In what a key frame's picture differs from the first one's so that it cannot be used."""
@@ -101,7 +105,7 @@ def kind_of_packet(packet: bytes) -> str:
     head = packet[:HEAD_BYTES]
     if head.startswith(JPEG_BEGIN):
         return ".jpg"
-    if SEQUENCE_HEADER in head:
+    if SEQUENCE_HEADER in head and MPEG4_PICTURE not in head:
         return ".m2v"
     return ".h264" if H264_SET.search(head) else ".hevc" if HEVC_SET.search(head) else ""
 

@@ -14,7 +14,7 @@ JITTER_RANK: Final = 0.95  # of them
 NO_PAUSE_S: Final = 0.25  # s: a second difference beyond it is a pause, or a stall of the network
 LEAST_TRIPLES: Final = 20  # before the stamps' noise is told
 FAR_OUT: Final = 3.0  # times the root mean square of second differences: as far as any stamp is off
-SURE: Final = 2.0  # standard errors that the noise has to be above zero
+SURE_ERRORS: Final = 2.0  # standard errors that the noise has to be above zero
 
 
 class SecondDifference:
@@ -82,4 +82,4 @@ class StampNoise:
             return None
         mean = self._sum / count
         error = math.sqrt(max(0.0, self._squares / count - mean * mean) / count)
-        return FAR_OUT * math.sqrt(mean) if mean > SURE * error else 0.0
+        return FAR_OUT * math.sqrt(mean) if mean > SURE_ERRORS * error else 0.0

@@ -132,6 +132,24 @@ def test_what_a_recording_changes_to_is_right_or_left_out(tmp_path: Path, kind: 
     assert said in "; ".join(remark.what for remark in video.remarks)
 
 
+@pytest.mark.parametrize("codec", ["mpeg4", "libx264", "libx265", "mpeg2video", "mjpeg", "libvpx", "ffv1"])
+def test_parameters_of_one_recording_are_one(tmp_path: Path, codec: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No key frame of a recording is opened by itself: MPEG-4's have a time where MPEG-2's have the size."""
+    opened: list[str] = []
+    monkeypatch.setattr("edge.capture.packets.shown_size", lambda packet, suffix: opened.append(suffix))
+    file = encode(
+        tmp_path / "a.mkv", [stripes(k) for k in range(50)], ["-c:v", codec, "-g", "5", "-pix_fmt", FORM[codec]]
+    )
+    assert len(frames_of(VideoFile(str(file), t0_unix_ns=T0, bound_s=0.0))) == 50
+    assert opened == []
+
+
+FORM = dict.fromkeys(("mpeg4", "libx264", "libx265", "mpeg2video", "libvpx"), "yuv420p") | {
+    "mjpeg": "yuvj420p",
+    "ffv1": "yuv420p",
+}
+
+
 def test_a_recorder_that_hung_is_left_out_from_the_third_repeat_on(tmp_path: Path) -> None:
     shown = [*range(160), *[159] * 40, *range(160, 200), 199, 199]
     file = encode(tmp_path / "hung.mkv", [stripes(k) for k in shown], ["-c:v", "ffv1"])
