@@ -19,8 +19,9 @@ import serial
 
 from edge.common.errors import ConfigError
 
-LINK_READ_BYTES: Final = 4096
-READS_A_POLL: Final = 16  # datagrams: a flood of commands must not hold up targets
+LINK_READ_BYTES: Final = 2048  # at once: no datagram of MAVLink is longer
+READS_A_POLL: Final = 16  # datagrams
+BYTES_A_POLL: Final = 2048  # from which on a call reads no further: what hostile bytes cost to parse holds up targets
 BACKLOG_BYTES: Final = 262_144  # per TCP client: seconds of full rate; more means it has stopped reading
 MOST_CLIENTS: Final = 32  # of a listening endpoint: each gets all that is sent
 CLIENTS_OF_ONE: Final = 8  # machines have a ground station, a logger, somebody's script
@@ -70,6 +71,10 @@ class Endpoint(ABC):
         self.hopeless = error.errno not in PATIENT
 
 
+def _total(came: list[tuple[int, bytes]]) -> int:
+    return sum(len(data) for _, data in came)
+
+
 class UdpEndpoint(Endpoint):
     """Datagrams to one address; answers come back to the same socket."""
 
@@ -95,7 +100,7 @@ class UdpEndpoint(Endpoint):
     def receive(self, now_ns: int) -> list[tuple[int, bytes]]:
         """The datagrams that came, a few a call; the peer is always 0."""
         came: list[tuple[int, bytes]] = []
-        for _ in range(READS_A_POLL):
+        while len(came) < READS_A_POLL and _total(came) < BYTES_A_POLL:
             try:
                 came.append((0, self._socket.recv(LINK_READ_BYTES)))
             except BlockingIOError:
@@ -173,15 +178,21 @@ class TcpEndpoint(Endpoint):
                 self._drop(number, error)
 
     def receive(self, now_ns: int) -> list[tuple[int, bytes]]:
-        """What came from each client, by its number."""
+        """What came from each client, by its number, a little a call; whoever was not read is first the next time."""
         self._welcome(now_ns)
         came: list[tuple[int, bytes]] = []
         for number, stream in list(self._streams.items()):
+            if _total(came) >= BYTES_A_POLL:
+                break
             try:
-                came.append((number, stream.pull()))
+                data = stream.pull()
             except OSError as error:
                 self._drop(number, error)
-        return [(number, data) for number, data in came if data]
+                continue
+            if data:
+                came.append((number, data))
+                self._streams[number] = self._streams.pop(number)
+        return came
 
     @property
     def sources(self) -> list[int]:

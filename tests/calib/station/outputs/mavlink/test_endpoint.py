@@ -12,7 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from calib.station.outputs.mavlink.endpoint import BACKLOG_BYTES, CLIENTS_OF_ONE, REDIAL_NS, Endpoint, open_endpoint
+from calib.station.outputs.mavlink.endpoint import (
+    BACKLOG_BYTES,
+    BYTES_A_POLL,
+    CLIENTS_OF_ONE,
+    LINK_READ_BYTES,
+    REDIAL_NS,
+    Endpoint,
+    open_endpoint,
+)
 from edge.common.errors import ConfigError
 from tests.calib.station.running import udp_ear
 from tests.conftest import Until
@@ -55,6 +63,38 @@ def test_udp_sends_a_frame_a_datagram_and_hears_the_answer(until: Until) -> None
         answers: list[bytes] = []
         assert until(lambda: answers.extend(data for _, data in endpoint.receive(0)) or answers == [b"answer"])
         assert endpoint.errors == 0
+
+
+def test_a_flood_over_udp_is_read_a_little_a_call_and_whole_datagrams_of_it(until: Until) -> None:
+    """64 kB of `FE 00 ..` took 200 to 400 ms to parse in one turn of the loop that sends targets."""
+    with udp_ear() as ear, opened(f"udp:127.0.0.1:{ear.port}") as endpoint:
+        sender = endpoint._socket.getsockname()  # type: ignore[attr-defined]
+        for _ in range(20):
+            ear.socket.sendto(b"\xfe" + bytes(1399), sender)
+        calls: list[int] = []
+        assert until(lambda: calls.append(sum(len(d) for _, d in endpoint.receive(0))) or sum(calls) == 20 * 1400)
+        assert max(calls) <= BYTES_A_POLL + LINK_READ_BYTES
+        assert all(call % 1400 == 0 for call in calls)
+
+
+def test_of_many_clients_that_shout_each_has_its_turn(until: Until) -> None:
+    port = free_port()
+    with opened(f"tcpin:127.0.0.1:{port}") as endpoint, contextlib.ExitStack() as stack:
+        clients = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(4)]
+        assert until(lambda: (endpoint.receive(0), len(endpoint._streams) == 4)[1])  # type: ignore[attr-defined]
+        for client in clients:
+            client.sendall(bytes(5 * LINK_READ_BYTES))
+        heard: dict[int, int] = {}
+
+        def one_call() -> bool:
+            came = endpoint.receive(0)
+            assert sum(len(data) for _, data in came) < BYTES_A_POLL + LINK_READ_BYTES
+            for number, data in came:
+                heard[number] = heard.get(number, 0) + len(data)
+            return len(heard) == 4
+
+        assert until(one_call)
+        assert max(heard.values()) <= 3 * LINK_READ_BYTES, "no one was read to its end before the others"
 
 
 @pytest.mark.parametrize(("host", "bound"), [("127.0.0.1", "127.0.0.1"), ("localhost", "127.0.0.1"), ("[::1]", "::1")])
