@@ -3,6 +3,7 @@
 import time
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any, Final
+from urllib.parse import quote
 
 from calib.station.page.door import Client, Door
 from calib.station.status.access import COOKIE, SESSION_S, TokenGate, Verdict, in_query, session
@@ -60,8 +61,8 @@ class RequestFilter:
         value = session(self._token, time.time())
         secure = "; Secure" if scope.get("scheme") == "https" else ""
         cookie = f"{COOKIE}={value}; HttpOnly; SameSite=Strict; Path=/; Max-Age={SESSION_S}{secure}"
-        own = "/" + scope["path"].lstrip("/")  # two slashes would be another host
-        headers = [(b"location", own.encode("latin-1", "replace")), (b"set-cookie", cookie.encode("latin-1"))]
+        own = quote("/" + scope["path"].lstrip("/"))  # two slashes would be another host, a line's end another header
+        headers = [(b"location", own.encode()), (b"set-cookie", cookie.encode("latin-1"))]
         await send({"type": "http.response.start", "status": 303, "headers": headers})
         await send({"type": "http.response.body", "body": b""})
 

@@ -14,11 +14,11 @@ from collections import OrderedDict
 from collections.abc import Callable
 from html import escape
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import msgspec
 import uvicorn
-from fastapi import FastAPI, HTTPException, Response, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, HTTPException, Query, Response, WebSocket, WebSocketDisconnect
 from nicegui import ui
 from starlette.staticfiles import StaticFiles
 
@@ -40,6 +40,7 @@ FRAME_S: Final = 0.1
 SCENE_FRAMES: Final = 10  # frames between two scenes
 WORDS_S: Final = 0.5  # between two looks at the words
 SLOW_S: Final = 2.0  # a browser that takes no frame for so long is let go
+LONGEST_PAST_S: Final = 1e7  # s: four months; an instant beyond is in no recording, and infinity in no integer
 SWEEP_S: Final = 1.0  # between two looks at who stands at the door
 PASTS: Final = 2  # recordings kept open
 PRIMARY: Final = "#0757b8"  # white on it has a contrast of 7 to 1
@@ -192,7 +193,7 @@ def _routes(app: FastAPI, page: Page) -> None:
         return Response(found[1], media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
     @app.get("/past/{name}")
-    async def past(name: str, at_s: float) -> Response:
+    async def past(name: str, at_s: Annotated[float, Query(ge=0, le=LONGEST_PAST_S)]) -> Response:
         return _json((await page.past(name)).at(at_s))
 
     @app.get("/past/{name}/length")

@@ -1,5 +1,6 @@
 """The page without a browser: who may look, what is said, what is fed, and a page that dies or does not listen."""
 
+import asyncio
 import http.client
 import os
 import signal
@@ -18,6 +19,7 @@ from calib.station import config
 from calib.station.archive.recording import Recorder
 from calib.station.config import BaseConfig, CameraSection, SiteSection, StatusSection
 from calib.station.page import past, wire, words
+from calib.station.page.guard import RequestFilter
 from calib.station.page.live import Live
 from calib.station.page.process import PageProcess, available
 from calib.station.page.steps import next_step, steps
@@ -98,6 +100,36 @@ def test_without_a_token_only_this_machine_s_own_names_are_answered() -> None:
         assert passes("", {"host": host})
     for host in ("evil.example", "192.168.7.1:8080", "127.0.0.1.evil.example", "", "[", "]["):
         assert not passes("", {"host": host})
+
+
+@pytest.mark.parametrize(
+    ("scheme", "path", "location", "secure"),
+    [
+        ("http", "/setup", b"/setup", False),
+        ("https", "/", b"/", True),
+        ("https", "//evil.example/", b"/evil.example/", True),
+        ("http", "/\r\nSet-Cookie: a=b", b"/%0D%0ASet-Cookie%3A%20a%3Db", False),
+    ],
+)
+def test_a_token_in_the_address_becomes_a_session_of_its_own_scheme(
+    scheme: str, path: str, location: bytes, secure: bool
+) -> None:
+    scope = {
+        "type": "http",
+        "scheme": scheme,
+        "path": path,
+        "query_string": f"token={TOKEN}".encode(),
+        "headers": [(b"host", b"192.168.7.1:8080")],
+    }
+    sent: list[dict[str, Any]] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    asyncio.run(RequestFilter(None, TOKEN)(scope, None, send))  # type: ignore[arg-type]
+    headers = dict(sent[0]["headers"])
+    assert (sent[0]["status"], headers[b"location"]) == (303, location)
+    assert headers[b"set-cookie"].endswith(b"; Secure") is secure
 
 
 def test_a_token_comes_by_address_or_bearer_and_its_session_by_cookie() -> None:

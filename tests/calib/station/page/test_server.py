@@ -135,6 +135,8 @@ def test_a_recording_is_looked_into_and_nothing_else_is(served: Served) -> None:
     assert served.read(f"/past/{file.name}/length")["seconds"] == pytest.approx(1.9, abs=0.01)
     (target,) = served.read(f"/past/{file.name}?at_s=1.0")["targets"]
     assert target["at"][0] == pytest.approx(10.0, abs=0.02)
+    for nowhere in ("nan", "inf", "-inf", "1e308", "-1", "x"):
+        assert served.get(f"/past/{file.name}?at_s={nowhere}")[0] == 422
     assert served.get("/past/none.mcap?at_s=0")[0] == 404
     (folder / "broken.mcap").write_bytes(b"this is no recording")
     assert served.get("/past/broken.mcap?at_s=0")[0] == 422
