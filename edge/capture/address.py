@@ -13,9 +13,23 @@ from edge.common.errors import LoginError, SourceError
 
 HIDDEN: Final = "***"
 _USER: Final = re.compile(r"(?<=://).*@")  # greedy: a password may hold an @ that nobody encoded
-_PARAMETER: Final = re.compile(
-    r"(?i)(?<![a-z0-9])((?:user(?:name)?|usr|login|pass(?:word|wd)?|pwd|token|auth|key|secret)=)"
-    r".*?(?=_(?:pass|channel|stream)|[&/?#]|$)"
+# Typed without its scheme, or with half of it: no file is called user:password@camera.
+_USER_ALONE: Final = re.compile(r"(?i)^([a-z]{0,5}:?/{0,2})[^/@]*:[^@]*@")
+# Any parameter of an address, in its query or, as some cameras have it, in its path: up to the next one, or its end.
+_PARAMETER: Final = re.compile(r"(?i)(?<![a-z0-9])([a-z][a-z0-9_.\[\]-]*?)(=|%3d)(.*?)(?=_[a-z]+=|[&;/?#]|$)")
+# Those whose values say what is asked for. Of all others nobody knows whether they are a password.
+HARMLESS: Final = frozenset(
+    {
+        "action", "audio", "buffer_size", "camera", "ch", "channel", "chn", "cmd", "codec", "compression",
+        "fifo_size", "format", "fps", "height", "overrun_nonfatal", "profile", "proto", "quality", "rate",
+        "real_stream", "resolution", "size", "stream", "streamtype", "subtype", "timeout", "transportmode",
+        "type", "unicast", "video", "videocodec", "width",
+    }
+)  # fmt: skip
+# A part of a path that is a key and no word: recorders and restreamers hand them out.
+_KEY: Final = re.compile(
+    r"(?<=/)(?=[A-Za-z0-9]*[a-z])(?=[A-Za-z0-9]*[A-Z])(?=(?:[A-Za-z]*[0-9]){2})[A-Za-z0-9]{12,}(?=[/?#]|$)"
+    r"|(?<=/)[0-9a-fA-F-]{24,}(?=[/?#]|$)"
 )
 PORTS: Final = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443}  # where none is in the address
 CAMERA_ANSWERS_S: Final = 2.0  # an answer to one line; the open before it waited longer
@@ -26,8 +40,13 @@ _STATUS: Final = re.compile(rb"^(?:RTSP|HTTP)/\d\.\d (\d{3})")
 def shown(path: str) -> str:
     """A source's path or address, without who logs in and how."""
     if "://" not in path:
-        return path
-    return _USER.sub(HIDDEN + "@", _PARAMETER.sub(lambda match: match[1] + HIDDEN, path))
+        return _USER_ALONE.sub(rf"\1{HIDDEN}@", path)
+    hidden = _PARAMETER.sub(_without_value, _KEY.sub(HIDDEN, path))
+    return _USER.sub(HIDDEN + "@", hidden)
+
+
+def _without_value(match: re.Match[str]) -> str:
+    return match[0] if match[1].lower() in HARMLESS else match[1] + match[2] + HIDDEN
 
 
 def why_not(path: str) -> SourceError:

@@ -20,6 +20,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
+from edge.capture.address import shown
 from edge.capture.frame import Image
 from edge.capture.grey import grey
 from edge.common.errors import SourceError
@@ -92,7 +93,7 @@ def fourcc(capture: Any) -> str:
 def opened(path: str) -> cv2.VideoCapture:
     """An opened capture of a file, in colour, its pictures untried. Raises SourceError if it does not open."""
     if not Path(path).is_file():
-        raise SourceError("no such file", where=path, action="give the path of a video file")
+        raise SourceError("no such file", where=shown(path), action="give the path of a video file")
     capture = _capture(path)
     if capture.isOpened() and not capture.get(cv2.CAP_PROP_FRAME_WIDTH):
         capture.release()

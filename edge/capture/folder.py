@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from edge.capture.address import shown
 from edge.capture.frame import Picture, Remark
 from edge.capture.grey import Contrast
 from edge.capture.picture_names import NameTimes, natural, understand
@@ -54,7 +55,7 @@ class ImageFolder:
         self.live = False
         self._folder = Path(path)
         if not self._folder.is_dir():
-            raise SourceError("no such folder", where=path, action="give the path of a folder of images")
+            raise SourceError("no such folder", where=shown(path), action="give the path of a folder of images")
         self._t0_unix_ns = t0_unix_ns
         self._bound_s = bound_s
         self._fps = fps

@@ -39,9 +39,55 @@ def test_no_password_is_shown(seed: int) -> None:
         assert password not in resolved(BoxConfig(site="s", camera=(camera,)))
 
 
-def test_what_holds_no_password_is_shown_as_it_is() -> None:
-    for path in ("/data/a@b/clip.mp4", "rtsp://10.0.0.7:554/live", "/dev/video0"):
-        assert shown(path) == path
+SECRET = "Geh3im.x7Q"
+ODD = [
+    *(f"http://10.0.0.7/v?{key}={SECRET}&channel=1" for key in ("loginpas", "psw", "sid", "session", "accessToken")),
+    *(
+        f"http://10.0.0.7/v?{key}={SECRET}"
+        for key in ("apikey", "X-Amz-Signature", "jwt", "passcode", "credential", "p")
+    ),
+    f"http://10.0.0.7/v?a[password]={SECRET}",
+    f"http://10.0.0.7/v?password%3D{SECRET}",
+    f"srt://10.0.0.7:9000?passphrase={SECRET}&mode=caller",
+    f"srt://10.0.0.7:9000?streamid={SECRET}",
+    f"rtsp://10.0.0.7/live?authbasic={SECRET}",
+    f"rtsp://:{SECRET}@10.0.0.7/live",
+    f"admin:{SECRET}@10.0.0.7:554/live",
+    f"//admin:{SECRET}@10.0.0.7/live",
+    f"rtsp:/admin:{SECRET}@10.0.0.7/live",
+    f"rtsp//admin:{SECRET}@10.0.0.7/live",
+]
+
+
+@pytest.mark.parametrize("address", ODD)
+def test_no_secret_of_an_odd_address_is_shown(address: str) -> None:
+    assert SECRET not in shown(address)
+    assert "10.0.0.7" in shown(address)
+
+
+@pytest.mark.parametrize("address", [one for one in ODD if "://" not in one])
+def test_an_address_typed_wrongly_is_no_file_and_shows_nothing(address: str) -> None:
+    camera = CameraConfig(id="cam1", lens=LENS, source=SourceConfig(path=address))
+    with pytest.raises(SourceError) as error:
+        open_source(camera, colour=False, stop=threading.Event(), date=undoubted)
+    assert SECRET not in str(error.value)
+
+
+def test_keys_in_paths_are_not_shown() -> None:
+    assert shown("rtsps://10.0.0.7:7441/AbC9dEf2gHi4jKlM?enableSrtp") == "rtsps://10.0.0.7:7441/***?enableSrtp"
+    assert "0f1e2d3c" not in shown("http://10.0.0.7/hls/0f1e2d3c-4b5a-6978-8796-a5b4c3d2e1f0/index.m3u8")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/data/a@b/clip.mp4", "/data/2026-05-01T10:00:00/x@y.mp4", "/dev/video0", "rtsp://10.0.0.7:554/live",
+        "rtsp://10.0.0.7/h264Preview_01_main", "rtsp://10.0.0.7/cam/realmonitor?channel=1&subtype=0",
+        "rtsp://10.0.0.7:554/Streaming/Channels/101", "http://10.0.0.7:8080/?action=stream",
+    ],
+)  # fmt: skip
+def test_what_holds_no_password_is_shown_as_it_is(path: str) -> None:
+    assert shown(path) == path
 
 
 def answering(answer: bytes) -> tuple[socket.socket, int]:
