@@ -69,6 +69,7 @@ class VideoFile:
         self._probe = probe(path, colour=colour)
         self._raw = self._probe.luma or self._probe.deep
         self._stretch = Contrast()
+        self._counts = False  # whether it says how many frames it has, and dates them by counting
         self._fps = self._rate(fps) if dated else UNDATED_FPS
         if self._probe.cut:
             said = "its pictures fill hardly any of 256 grey levels: what they have beyond eight bits is cut"
@@ -78,7 +79,9 @@ class VideoFile:
     def _rate(self, fps: float | None) -> float | None:
         """The frame rate to count by; None where the file's own times are to be believed, whatever rate was given."""
         with Path(self._path).open("rb") as file:
-            bare = has_no_container(file.read(4))
+            head = file.read(12)
+        bare = has_no_container(head)
+        self._counts = head.startswith(b"RIFF") and head.endswith(b"AVI ")
         own_s = usual_interval_s(self._probe.first_ms)
         if bare or not carry_times(self._probe.first_ms):
             if fps is None:
@@ -183,6 +186,9 @@ class VideoFile:
         """What is missing, by what failed to decode, by gaps in the times and by the length the file says it has."""
         lost, gaps = self._lost, self._times.gaps
         said = [f"{lost} of about {self._times.count + lost} frames could not be decoded"] if lost else []
+        missing = self.frames_said - self._times.count - lost
+        if self._counts and missing > max(2, SHORT_END_SHARE * self.frames_said):
+            said.append(f"{missing} of the {self.frames_said} frames that it says it has are not there: times are off")
         if gaps:
             longest = max(gaps, key=lambda gap: gap[1] - gap[0])
             total_s = sum(end - begin for begin, end in gaps)

@@ -44,6 +44,23 @@ def test_damage_in_the_middle_is_passed_over_and_told(tmp_path: Path, images: li
     assert any("missing" in remark.what or "decoded" in remark.what for remark in video.remarks)
 
 
+@pytest.mark.parametrize("seed", range(900, 906))
+def test_what_an_avi_has_lost_is_told_for_it_dates_by_counting(
+    tmp_path: Path, images: list[np.ndarray], seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    file = encode(tmp_path / "a.avi", images, ["-c:v", "mpeg4", "-q:v", "2"])
+    whole = VideoFile(str(file), t0_unix_ns=T0, bound_s=0.0)
+    assert len(frames_of(whole)) == COUNT
+    assert whole.remarks == []
+    data = file.read_bytes()
+    begin = round(len(data) * rng.uniform(0.2, 0.6))
+    file.write_bytes(data[:begin] + data[begin + round(len(data) * rng.uniform(0.06, 0.2)) :])
+    video = VideoFile(str(file), t0_unix_ns=T0, bound_s=0.0)
+    frames_of(video)
+    assert any("are not there" in remark.what or "missing" in remark.what for remark in video.remarks), f"seed {seed}"
+
+
 def test_joined_recordings_go_on_in_time(tmp_path: Path, images: list[np.ndarray]) -> None:
     part = encode(tmp_path / "a.ts", images[:50], [*LONG_GROUPS, "-pix_fmt", "yuv420p"]).read_bytes()
     (tmp_path / "joined.ts").write_bytes(3 * part)
