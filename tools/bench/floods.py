@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +27,7 @@ from tools.doubles.listener import Listener
 from tools.doubles.ports import free_endpoint, free_port
 
 UNCHANGED: Final = 0.2  # of positions and of their 99th percentile
+BEFORE_AND_AFTER_S: Final = 60.0  # of flight: until the first position, and what starting processes takes
 SETTLES_S: Final = 2.0  # after each change, not measured
 TOKEN: Final = "0123456789abcdef"
 
@@ -72,10 +74,10 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=2, help="calm and flooded, each so often")
     parser.add_argument("--floods", nargs="+", choices=KINDS, default=list(KINDS))
     options = parser.parse_args()
-    whole = True
+    whole, flown_s = True, 2 * options.rounds * (options.seconds + SETTLES_S) + BEFORE_AND_AFTER_S
     for kind in options.floods:
         with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-            ear, scene, served = stack.enter_context(Listener()), make(SPEC), free_port()
+            ear, scene, served = stack.enter_context(Listener()), make(replace(SPEC, duration_s=flown_s)), free_port()
             token = Path(folder) / "token"
             token.touch(0o600)
             token.write_text(TOKEN)

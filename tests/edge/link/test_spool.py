@@ -117,6 +117,26 @@ def test_a_garbled_file_is_set_aside(settings: SpoolSettings, until: Until) -> N
     assert Path(settings.file + ".garbled").exists()
 
 
+def test_cut_off_anywhere_by_a_power_cut_it_goes_on(tmp_path: Path) -> None:
+    """Of the file and of its journal only a part has reached the disk: what can be read is kept, the rest set aside."""
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    store = SpoolStore(whole / "spool.sqlite", max_bytes=1_000_000)
+    store.add([row(seq, size=500) for seq in range(100)])
+    files = {file.name: file.read_bytes() for file in whole.iterdir()}  # before it is closed, as a power cut leaves it
+    store.close()
+    cuts = [(name, cut) for name, data in files.items() for cut in range(0, len(data), max(1, len(data) // 12) | 1)]
+    for name, cut in cuts:
+        folder = tmp_path / f"{name}-{cut}"
+        folder.mkdir()
+        for other, data in files.items():
+            (folder / other).write_bytes(data[:cut] if other == name else data)
+        with Spool(SpoolSettings(file=str(folder / "spool.sqlite"), max_mb=1), Inbox(8)) as spool:
+            spool.keep(*row(1000, epoch=2))
+        assert spool.counters.committed == 1, (name, cut)
+        assert not spool.error, (name, cut)
+
+
 def test_a_disk_that_refuses_costs_nothing_but_memory(tmp_path: Path, until: Until) -> None:
     blocked = tmp_path / "file_not_folder"
     blocked.write_text("")
