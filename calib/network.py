@@ -6,7 +6,6 @@ cameras share do not average away), and its fingerprint says which solution a po
 """
 
 import hashlib
-import tomllib
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from calib.errors import CalibrationError
 from edge.common.arrays import Array
+from edge.common.toml_text import read_toml
 from edge.lens import LensModel, pixel_to_ray, ray_to_pixel
 
 POSE_SIZE = 6  # rotation vector (rad, camera frame), centre (m, ENU)
@@ -179,11 +179,11 @@ def to_toml(network: Network) -> str:
 def from_toml(text: str, *, where: str = "network.toml") -> Network:
     """The network written by to_toml. Raises CalibrationError, naming `where`, if it is not one."""
     try:
-        tree = tomllib.loads(text)
+        tree = read_toml(text)
         head = tree["network"]
         if head["format"] != NETWORK_FORMAT:
             raise ValueError(f"format {head['format']}, this program reads {NETWORK_FORMAT}")
-        return Network(
+        network = Network(
             site=head["site"],
             origin=(float(head["origin"][0]), float(head["origin"][1]), float(head["origin"][2])),
             t_mid_unix_ns=int(head["t_mid_unix_ns"]),
@@ -194,10 +194,22 @@ def from_toml(text: str, *, where: str = "network.toml") -> Network:
             # Of an older file nobody knows it: then it rests on all of them.
             rests_on=tuple(map(str, head.get("rests_on", [camera["id"] for camera in tree["camera"]]))),
         )
-    except (KeyError, TypeError, ValueError) as error:
+        _refuse_nonsense(network)
+        return network
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise CalibrationError(
             f"not a network ({error!r})", where=where, action="delete it and calibrate again"
         ) from error
+
+
+def _refuse_nonsense(network: Network) -> None:
+    """Raises ValueError if a number of it is none, or no instant: nothing that is computed with it would end well."""
+    numbers = [network.covariance, network.centres_enu, np.array(network.origin), np.array([network.rms_px])]
+    clocks = [(one.clock_offset_s, one.clock_rate, one.readout_s, one.correlated_s) for one in network.cameras]
+    if not all(np.isfinite(part).all() for part in (*numbers, np.array(clocks))):
+        raise ValueError("a number that is not finite")
+    if not 0 <= network.t_mid_unix_ns < 2**63:
+        raise ValueError(f"t_mid_unix_ns = {network.t_mid_unix_ns}")
 
 
 def _camera(entry: dict[str, object]) -> Camera:

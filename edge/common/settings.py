@@ -9,7 +9,6 @@ import difflib
 import functools
 import math
 import re
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -18,6 +17,7 @@ import msgspec
 from msgspec import inspect
 
 from edge.common.errors import ConfigError
+from edge.common.toml_text import read_toml
 
 Settings = TypeVar("Settings", bound=msgspec.Struct)
 
@@ -46,8 +46,8 @@ def load(path: Path | str, kind: type[Settings]) -> Settings:
 def parse(text: str, kind: type[Settings], *, where: str) -> Settings:
     """The settings in TOML text; `where` names its origin in errors. Raises ConfigError as `load` does."""
     try:
-        tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        tree = read_toml(text)
+    except ValueError as error:
         raise ConfigError(f"is not TOML ({error})", where=where, action=FIX_IT) from error
     return build(tree, kind, where=where)
 

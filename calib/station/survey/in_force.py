@@ -5,7 +5,6 @@ So there is one rule for where the survey is, and each of the two kinds of file 
 writes, or a track folder's site.toml) has its one strict reader.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +14,7 @@ from calib.station.config import UNSTATED_SIGMA_M, BaseConfig, CameraSection, Ge
 from calib.station.survey.derive import frame_of
 from calib.station.survey.store import load_survey
 from edge.common.errors import ConfigError
+from edge.common.toml_text import read_toml
 
 SURVEY_FILE: Final = "survey.toml"  # beside the configuration: read where [site] survey names no other
 LENS_KEYS: Final = frozenset({"size_px", "lens", "intrinsics", "distortion"})  # of a site.toml's [[camera]]
@@ -85,14 +85,14 @@ def is_survey(path: Path) -> bool:
 def _is_site_file(path: Path) -> bool:
     """Whether it is a track folder's site.toml: that says of each camera what its lens is, a survey never does."""
     try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+        tree = read_toml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(
             f"the survey cannot be read ({error.strerror})",
             where=str(path),
             action="make it with `base-station survey`, or correct [site] survey",
         ) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError):
+    except ValueError:
         return False  # the survey's reader says what is wrong with it
     rows = tree.get("camera", [])
     return isinstance(rows, list) and any(isinstance(row, dict) and row.keys() & LENS_KEYS for row in rows)
