@@ -17,6 +17,7 @@ from edge.capture.frame import Picture, Remark
 from edge.capture.grabber import Grabber, dead
 from edge.capture.grey import grey
 from edge.capture.stamps import FrameRounding
+from edge.capture.standing_still import CALIBRATION_S, StillFor
 from edge.capture.witnessed_stream import WitnessedStream
 from edge.common.utc import Dated
 
@@ -48,6 +49,8 @@ class RtspStream:
         self._monotonic_ns = monotonic_ns
         self._rounding = FrameRounding()
         self._clock = WitnessedStream()
+        self._still = StillFor()
+        self._still_s = 0.0
         self._seen = False
 
     def read(self) -> Picture | None:
@@ -58,13 +61,18 @@ class RtspStream:
         at_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
         image = self._pixels()
         image = image if self._colour else grey(image)
+        self._still_s = self._still.seconds(image, arrival_ns)
         stamp = self._clock.stamp(round(at_ms * 1e6), arrival_ns, self._sent_unix_ns(at_ms), self._date)
         return Picture(stamp.t_unix_ns - self._delay_ns, image, stamp.source, stamp.bound_s)
 
     @property
     def remarks(self) -> list[Remark]:
-        """What its times say against each other."""
-        return self._clock.remarks
+        """What its times say against each other, and that its picture stands still."""
+        if self._still_s <= CALIBRATION_S:
+            return self._clock.remarks
+        said = f"its picture has not changed by a pixel for {self._still_s:.0f} s"
+        action = "look at it: an encoder that hangs, or a camera that was set to interlaced; restart its stream"
+        return [Remark(said, action), *self._clock.remarks]
 
     def _pixels(self) -> Any:
         """The frame's picture; the first of a stream is held against what its memory was filled with."""

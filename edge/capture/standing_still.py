@@ -57,6 +57,20 @@ def is_same(before: Any, image: Any) -> bool:
     return bool(high - low >= EVEN_RANGE) and np.array_equal(before, image)
 
 
+class StillFor:
+    """How long a picture has been the one before: told of network cameras, whose quiet nights may be still."""
+
+    def __init__(self) -> None:
+        self._last: Any = None
+        self._since_ns = 0
+
+    def seconds(self, image: Any, arrival_ns: int) -> float:
+        """After one more picture."""
+        if not is_same(self._last, image):
+            self._last, self._since_ns = image, arrival_ns
+        return (arrival_ns - self._since_ns) / 1e9
+
+
 class Repeats:
     """Pictures of a recording that are the one before again: where a recorder hung, or a decoder did nothing.
 

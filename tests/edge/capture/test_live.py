@@ -66,3 +66,25 @@ class StepClock:
 
     def __init__(self) -> None:
         self.monotonic_ns, self.offset_ns = 10**12, T0
+
+
+class Hanging(FakeCapture):
+    """A camera whose encoder hands out one picture from its fiftieth on."""
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        rng = np.random.default_rng(min(self.at, 50))
+        return True, rng.integers(0, 255, (24, 32, 3), np.uint8)
+
+
+def test_a_picture_that_does_not_change_by_a_pixel_is_told() -> None:
+    clock = iter(range(0, 10**12, 40 * MS))
+    frames = [{cv2.CAP_PROP_POS_MSEC: 40.0 * k} for k in range(200)]
+    stream = RtspStream(
+        Hanging(frames), "rtsp://cam", colour=False, date=undoubted, monotonic_ns=lambda: next(clock) + 10**12
+    )
+    told = []
+    for _ in range(200):
+        stream.read()
+        told.append([remark.what for remark in stream.remarks if "changed" in remark.what])
+    assert not any(told[:149])
+    assert told[-1] == ["its picture has not changed by a pixel for 6 s"]
