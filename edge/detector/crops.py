@@ -44,20 +44,24 @@ def choose(regions: Array, frame_px: tuple[int, int], limit: int) -> list[Crop]:
 def add(crops: list[Crop], regions: Array, frame_px: tuple[int, int], limit: int) -> tuple[list[Crop], int]:
     """Crops with further ones that cover regions, at most `limit` in all; and how many regions are covered."""
     crops = list(crops)
+    covered = [_covered(crop) for crop in crops]
     for index, (u, v, extent) in enumerate(regions.tolist()):
         reduction = next((r for r in REDUCTIONS if extent <= LARGEST_EXTENT * r), REDUCTIONS[-1])
-        if any(_covers(crop, u, v, reduction) for crop in crops):
+        if any(
+            r == reduction and abs(u - at_u) <= reach and abs(v - at_v) <= reach for at_u, at_v, reach, r in covered
+        ):
             continue
         if len(crops) >= limit:
             return crops, index
         crops.append(_around(u, v, reduction, frame_px))
+        covered.append(_covered(crops[-1]))
     return crops, len(regions)
 
 
-def _covers(crop: Crop, u: float, v: float, reduction: int) -> bool:
+def _covered(crop: Crop) -> tuple[float, float, float, int]:
+    """Middle of a crop, how far around it what is there is seen, and its reduction."""
     half = crop.side_px / 2 - 0.5
-    away = max(abs(u - crop.left - half), abs(v - crop.top - half))
-    return crop.reduction == reduction and away <= COVERED_PX * crop.reduction
+    return crop.left + half, crop.top + half, COVERED_PX * crop.reduction, crop.reduction
 
 
 def _around(u: float, v: float, reduction: int, frame_px: tuple[int, int]) -> Crop:
