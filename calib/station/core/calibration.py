@@ -254,7 +254,7 @@ class Calibration:
         assert self.network is not None
         sigma = "" if self.report is None else f", positions to {self.report.sigma_m:.2f} m"
         alone = ", ".join(self.network.rests_on)
-        unchecked = f"; nobody checks what {alone} claim of their places: targets are UNVERIFIED" if alone else ""
+        unchecked = f"; nobody checks the word of {alone}: targets are UNVERIFIED" if alone else ""
         return f"{len(self.network.cameras)} cameras, {self.network.rms_px:.2f} px{sigma}{unchecked}"
 
     def _lacking(self, window: Window, sites: dict[str, SiteCamera]) -> str:

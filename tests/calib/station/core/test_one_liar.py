@@ -32,7 +32,7 @@ def test_of_three_nobody_else_knows_where_one_stands_and_that_is_said() -> None:
     out = run(BY_NAME["fix 3 m too far north, sigma_m 0.001"], cameras=3, seed=0, flight_s=30.0)
     assert len(out.nees) > 100
     assert out.whole == []
-    assert "nobody checks what cam0, cam1, cam2 claim" in out.said
+    assert "nobody checks the word of cam0, cam1, cam2" in out.said
 
 
 @pytest.mark.parametrize("lie", LIES, ids=lambda lie: lie.name)
