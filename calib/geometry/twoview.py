@@ -12,11 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.geometry.combinations import of_one_combination
 from edge.common.arrays import Array
 
 RANSAC_CONFIDENCE = 0.9999
 # Five-point RANSAC at 40 % outliers wants 90 draws for that confidence; noise wastes most of them.
 FIVE_POINT_DRAWS = 1000
+COMBINATION_DRAWS = 60  # of rows that are all right or all wrong, clutter aside
+FEWEST_LINEAR = 8  # rows of the linear solution
+BEST_COMBINATIONS = 3  # of which poses are made: a twin or two beside the right one
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,9 @@ def _normalised(rays: Array) -> tuple[Array, Array]:
     return np.column_stack([rays, np.ones(len(rays))]) @ T.T, T
 
 
-def essential_robust(rays1: Array, rays2: Array, threshold_ray: float) -> tuple[list[Array], NDArray[np.bool_]]:
+def essential_robust(
+    rays1: Array, rays2: Array, threshold_ray: float, draws: int = FIVE_POINT_DRAWS
+) -> tuple[list[Array], NDArray[np.bool_]]:
     """Essential matrices of (N, 2) rays and their inliers (N,), five points at a time (Nister 2004) in RANSAC.
 
     Deterministic: OpenCV's classic RANSAC seeds itself. An empty list if there is none.
@@ -56,7 +62,7 @@ def essential_robust(rays1: Array, rays2: Array, threshold_ray: float) -> tuple[
         return [], np.zeros(len(rays1), bool)
     E, mask = cv2.findEssentialMat(
         np.ascontiguousarray(rays1), np.ascontiguousarray(rays2), np.eye(3), cv2.RANSAC,
-        RANSAC_CONFIDENCE, threshold_ray, FIVE_POINT_DRAWS,
+        RANSAC_CONFIDENCE, threshold_ray, draws,
     )  # fmt: skip
     if E is None or E.shape[1] != 3:
         return [], np.zeros(len(rays1), bool)
@@ -96,14 +102,18 @@ def reprojection(points: Array, rays: Array, R: Array, centre: Array) -> Array:
     return np.where(front, np.linalg.norm(in_camera[:, :2] / safe[:, None] - rays, axis=1), np.inf)
 
 
-def relative_poses(rays1: Array, rays2: Array, threshold_ray: float) -> list[RelativePose]:
+def relative_poses(
+    rays1: Array, rays2: Array, threshold_ray: float, combination: NDArray[np.int64] | None = None
+) -> list[RelativePose]:
     """Every relative pose worth trying, best supported first: most points in front of both cameras and near both rays.
 
-    rays1, rays2: (N, 2) at common times. Poses that under half as many points support as the best are dropped.
+    rays1, rays2: (N, 2) at common times; combination: (N,) rows that are right or wrong together, or None.
+    Poses that under half as many points support as the best are dropped.
     """
     essentials, inlier = essential_robust(rays1, rays2, threshold_ray)
-    if inlier.sum() >= 8:
+    if inlier.sum() >= FEWEST_LINEAR:
         essentials.append(essential_by_svd(rays1[inlier], rays2[inlier]))
+    essentials += _by_combination(rays1, rays2, threshold_ray, combination)
     poses = []
     for E in essentials:
         for R, t in decompose(E):
@@ -114,4 +124,27 @@ def relative_poses(rays1: Array, rays2: Array, threshold_ray: float) -> list[Rel
             )
             poses.append(RelativePose(R, t, far < threshold_ray))
     poses.sort(key=lambda pose: -int(pose.inlier.sum()))
-    return [pose for pose in poses if pose.inlier.sum() * 2 > poses[0].inlier.sum() and pose.inlier.sum() >= 8]
+    best = poses[0].inlier.sum() if poses else 0
+    return [pose for pose in poses if pose.inlier.sum() * 2 > best and pose.inlier.sum() >= FEWEST_LINEAR]
+
+
+def _by_combination(
+    rays1: Array, rays2: Array, threshold_ray: float, combination: NDArray[np.int64] | None
+) -> list[Array]:
+    """Essential matrices of one combination's rows each, those that most of all rows bear out."""
+    found = []
+    for rows in of_one_combination(combination):
+        for E in essential_robust(rays1[rows], rays2[rows], threshold_ray, COMBINATION_DRAWS)[0]:
+            found.append((E, _epipolar_distance(E, rays1, rays2) < threshold_ray))
+    found.sort(key=lambda entry: -int(entry[1].sum()))
+    best = [entry for entry in found[:BEST_COMBINATIONS] if entry[1].sum() >= FEWEST_LINEAR]
+    return [E for E, _ in best] + [essential_by_svd(rays1[near], rays2[near]) for _, near in best]
+
+
+def _epipolar_distance(E: Array, rays1: Array, rays2: Array) -> Array:
+    """(N,) distance in ray units from the nearest pair of rays that meet, to first order (Sampson 1982)."""
+    x1, x2 = (np.column_stack([rays, np.ones(len(rays))]) for rays in (rays1, rays2))
+    line2, line1 = x1 @ E.T, x2 @ E
+    steep = np.sqrt((line1[:, :2] ** 2).sum(1) + (line2[:, :2] ** 2).sum(1))
+    distance: Array = np.abs((x2 * line2).sum(1)) / np.maximum(steep, np.finfo(float).tiny)
+    return distance

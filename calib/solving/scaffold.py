@@ -39,10 +39,13 @@ class Pose:
 
 @dataclass(frozen=True)
 class Known:
-    """Where objects were by the cameras that have a pose: site times (N,) in seconds from t_mid, points (N, 3)."""
+    """Where objects were by the cameras that have a pose: site times (N,) in seconds from t_mid, points (N, 3), and
+    which object each is of (N,).
+    """
 
     t_s: Array
     points: Array
+    target: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -60,8 +63,8 @@ class Scaffold:
 
     @property
     def known(self) -> Known:
-        """The flight without the pair's tracks."""
-        return Known(self.t_s, self.points)
+        """The flight, each combination of the pair's tracks an object."""
+        return Known(self.t_s, self.points, np.unique(self.tracks, axis=0, return_inverse=True)[1].reshape(-1))
 
 
 def threshold_ray(tracks: list[list[TrackSeries]]) -> float:
@@ -121,13 +124,14 @@ def _candidates(
 ) -> list[Scaffold]:
     threshold = threshold_ray([tracks[name] for name in pair])
     found = []
-    for pose in relative_poses(seen.rays1, seen.rays2, threshold):
+    combination = np.unique(np.column_stack([seen.track1, seen.track2]), axis=0, return_inverse=True)[1].reshape(-1)
+    for pose in relative_poses(seen.rays1, seen.rays2, threshold, combination):
         centre = -pose.R.T @ pose.t
         points = triangulate([seen.rays1, seen.rays2], [np.eye(3), pose.R], [np.zeros(3), centre])
         steep = pose.inlier & (_angle(points, centre) > SMALLEST_ANGLE_RAD)
         if steep.sum() < 8:
             continue
-        share = float(np.mean(pose.inlier))
+        share = _share_of_tracks(seen, combination, pose.inlier)
         poses = {pair[0]: Pose(np.eye(3), np.zeros(3), share), pair[1]: Pose(pose.R, centre, share)}
         numbers = np.column_stack([seen.track1, seen.track2])
         scaffold = Scaffold(pair, poses, seen.t_s[steep], points[steep], numbers[steep])
@@ -157,21 +161,39 @@ def resect_camera(known: Known, tracks: list[TrackSeries], offset_s: float, fewe
 
     fewest: points that its tracks must share with them.
     """
-    points, rays, t_s = matched(known, tracks, offset_s)
-    found: Resection | None = resect(points, rays, threshold_ray([tracks])) if len(points) >= fewest else None
+    points, rays, t_s, combination = matched(known, tracks, offset_s)
+    enough = len(points) >= fewest
+    found: Resection | None = resect(points, rays, threshold_ray([tracks]), combination) if enough else None
     if found is None:
         return None
-    # With several objects most combinations are wrong by construction: an instant counts once.
-    return Pose(found.R, found.centre, len(np.unique(t_s[found.inlier])) / len(np.unique(t_s)))
+    return Pose(found.R, found.centre, _share_of_instants(t_s, found.inlier))
 
 
-def matched(known: Known, tracks: list[TrackSeries], offset_s: float) -> tuple[Array, Array, Array]:
-    """The known points (M, 3) at which a camera's tracks run, their rays (M, 2) and times (M,)."""
-    points, rays, instants = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros(0)]
-    for track in tracks:
+def _share_of_tracks(seen: Common, combination: NDArray[np.int64], inlier: NDArray[np.bool_]) -> float:
+    """Of the first camera's tracks, each taken for the one of the second's that fits most of its rows."""
+    explained = np.bincount(combination, weights=inlier)
+    rows = np.bincount(combination)
+    first = np.zeros(len(rows), np.int64)
+    first[combination] = seen.track1
+    best = [max(np.flatnonzero(first == track), key=lambda at: explained[at]) for track in np.unique(seen.track1)]
+    return float(explained[best].sum() / rows[best].sum())
+
+
+def _share_of_instants(t_s: Array, inlier: NDArray[np.bool_]) -> float:
+    """With several objects most combinations are wrong by construction: an instant counts once."""
+    return len(np.unique(t_s[inlier])) / len(np.unique(t_s))
+
+
+def matched(known: Known, tracks: list[TrackSeries], offset_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """The known points (M, 3) at which a camera's tracks run, their rays (M, 2) and times (M,), and which combination
+    of a track and an object (M,) each is.
+    """
+    points, rays, instants, combination = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0, np.int64)]
+    for index, track in enumerate(tracks):
         at = track.at(known.t_s - offset_s)
         good = np.isfinite(at[:, 0])
         points.append(known.points[good])
         rays.append(at[good])
         instants.append(known.t_s[good])
-    return np.concatenate(points), np.concatenate(rays), np.concatenate(instants)
+        combination.append(known.target[good] * len(tracks) + index)
+    return np.concatenate(points), np.concatenate(rays), np.concatenate(instants), np.concatenate(combination)

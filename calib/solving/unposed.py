@@ -54,7 +54,7 @@ def known_of(estimate: FlightEstimate) -> Known:
     own = [np.arange(0.0, float(spans) * flight.spacing_s, step_s) for spans in flight.spans]
     stretch = np.repeat(np.arange(len(own)), [len(times) for times in own])
     t_s = flight.start_s[stretch] + np.concatenate(own)
-    return Known(t_s, evaluate(flight.locate(t_s, stretch), estimate.control))
+    return Known(t_s, evaluate(flight.locate(t_s, stretch), estimate.control), flight.target[stretch])
 
 
 def why_without_pose(known: Known, camera: Unposed) -> Why:
