@@ -86,6 +86,16 @@ def _mistyped(rng: np.random.Generator) -> Brought:
     return Brought(simulate(scenery.changed(simulation, keys)), (fault,), f"{name[0]} off by {np.abs(error).max():g} m")
 
 
+def _all_off(rng: np.random.Generator) -> Brought:
+    """Every position is off by far more than its receiver claims: a float solution, or one that was fixed wrongly."""
+    simulation = scenery.usual(rng, scenery.usual_count(rng, 4))
+    off_m = float(rng.choice([0.1, 0.2, 0.4]))
+    names = tuple(camera.id for camera in simulation.camera)
+    keys = {name: {"survey_error_m": scenery.metres3(rng.normal(0, off_m, 3))} for name in names}
+    fault = Fault(Cause.POSITION, names)
+    return Brought(simulate(scenery.changed(simulation, keys)), (fault,), f"all off by {off_m:g} m")
+
+
 def _written(site: SiteCamera, enu: Array, sigma_m: tuple[float, float, float] | None = None) -> SiteCamera:
     covariance = site.position_covariance if sigma_m is None else np.diag(np.square(sigma_m))
     return replace(site, position_enu=enu, position_covariance=covariance)
@@ -147,6 +157,7 @@ MISTAKEN: Final = (
     Kind("height_msl_one_of_4", partial(_low, count=4, guilty=1)),
     Kind("height_msl_two_of_4", partial(_low, count=4, guilty=2)),
     Kind("mistyped_one", _mistyped),
+    Kind("survey_all_off", _all_off),
     Kind("rounded_4", partial(_retyped, how=partial(_rounded, decimals=4), survey_sigma_m=UNSTATED_SIGMA_M)),
     Kind("rounded_5", partial(_retyped, how=partial(_rounded, decimals=5), survey_sigma_m=UNSTATED_SIGMA_M)),
     Kind("lat_lon_all", partial(_retyped, how=_lat_lon_exchanged)),
