@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+COMBINATION_DRAWS: Final = 60  # of rows that are all right or all wrong, clutter and noise aside
 MOST_COMBINATIONS: Final = 16  # that are tried: four objects in the air, seen as four tracks by each of two cameras
 
 

@@ -11,11 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.geometry.combinations import of_one_combination
+from calib.geometry.combinations import COMBINATION_DRAWS, of_one_combination
 from edge.common.arrays import Array
 
 FOUR_POINT_DRAWS = 300  # four points at 50 % outliers need 72 for 99 %
-COMBINATION_DRAWS = 30  # of rows that are all right or all wrong, clutter aside
 FEWEST_POINTS = 6
 SEED = 1
 

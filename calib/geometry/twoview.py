@@ -12,13 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.geometry.combinations import of_one_combination
+from calib.geometry.combinations import COMBINATION_DRAWS, of_one_combination
 from edge.common.arrays import Array
 
 RANSAC_CONFIDENCE = 0.9999
 # Five-point RANSAC at 40 % outliers wants 90 draws for that confidence; noise wastes most of them.
 FIVE_POINT_DRAWS = 1000
-COMBINATION_DRAWS = 60  # of rows that are all right or all wrong, clutter aside
 FEWEST_LINEAR = 8  # rows of the linear solution
 BEST_COMBINATIONS = 3  # of which poses are made: a twin or two beside the right one
 

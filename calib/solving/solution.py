@@ -203,16 +203,18 @@ def weakest(adjusted: Adjusted, problem: Problem) -> tuple[str, float, tuple[flo
 
 
 def trajectory_of(adjusted: Adjusted, problem: Problem, t_mid_unix_ns: int) -> Trajectory:
-    """ROWS_PER_S rows a second wherever at least two cameras saw the object there.
+    """ROWS_PER_S rows a second wherever at least two cameras saw the object there, and more than saw it elsewhere.
 
     A camera that saw something else, or at another time, bears no position out: where fewer than two agree with the
-    flight, it was drawn through between what they say, and its sigma knows nothing of that.
+    flight, it was drawn through between what they say, and its sigma knows nothing of that. Two rays of six nearly meet
+    somewhere by chance.
     """
     estimate = adjusted.estimate
-    seen = []
+    seen, missed = [], []
     for index, (camera, data) in enumerate(zip(estimate.cameras, problem.data, strict=True)):
-        agrees = _bears_out(adjusted, problem, index)
-        seen.append((site_time_s(camera, data)[agrees], data.target[agrees]))
+        agrees, t_s = _bears_out(adjusted, problem, index), site_time_s(camera, data)
+        seen.append((t_s[agrees], data.target[agrees]))
+        missed.append((t_s[~agrees], data.target[~agrees]))
     step_ns = 10**9 // ROWS_PER_S
     first_row_ns = t_mid_unix_ns - t_mid_unix_ns % step_ns  # rows at whole twentieths of a UTC second
     offset_s = (first_row_ns - t_mid_unix_ns) * 1e-9
@@ -220,10 +222,14 @@ def trajectory_of(adjusted: Adjusted, problem: Problem, t_mid_unix_ns: int) -> T
     for piece in range(len(estimate.flight.start_s)):
         instants = _instants(estimate.flight, piece, offset_s)
         between = (estimate.flight.start_s[piece], estimate.flight.end_s[piece])
-        seeing = _cameras_at(instants, int(estimate.flight.target[piece]), between, seen)
-        times.append(instants[seeing >= 2])
-        stretches.append(np.full(int((seeing >= 2).sum()), piece))
-        counts.append(seeing[seeing >= 2])
+        sees, misses = (
+            _cameras_at(instants, int(estimate.flight.target[piece]), between, rows) for rows in (seen, missed)
+        )
+        seeing = sees.sum(axis=0)
+        told = (seeing >= 2) & (seeing > (misses & ~sees).sum(axis=0))
+        times.append(instants[told])
+        stretches.append(np.full(int(told.sum()), piece))
+        counts.append(seeing[told])
     t, stretch, count = np.concatenate(times), np.concatenate(stretches), np.concatenate(counts)
     located = estimate.flight.locate(t, stretch)
     t_unix_ns = np.round((t - offset_s) * ROWS_PER_S).astype(np.int64) * step_ns + first_row_ns
@@ -248,15 +254,15 @@ def _instants(flight: Flight, stretch: int, offset_s: float) -> Array:
 
 def _cameras_at(
     t_s: Array, target: int, between: tuple[float, float], seen: list[tuple[Array, NDArray[np.int64]]]
-) -> NDArray[np.int64]:
-    """(M,) how many cameras have a row of the object within SEEN_WITHIN_S of each time. seen: rows' times and targets.
+) -> NDArray[np.bool_]:
+    """(C, M) which cameras have a row of the object within SEEN_WITHIN_S of each time. seen: rows' times and targets.
 
     None before its first row in that stretch of flight or after its last: what comes then, nobody saw.
     """
-    count = np.zeros(len(t_s), np.int64)
-    for site, of_target in seen:
+    sees = np.zeros((len(seen), len(t_s)), bool)
+    for index, (site, of_target) in enumerate(seen):
         own = np.sort(site[(of_target == target) & (site >= between[0]) & (site <= between[1])])
         if len(own):
             within = (t_s >= own[0]) & (t_s <= own[-1])
-            count += within & (gap_to_nearest_s(t_s, own) <= SEEN_WITHIN_S)
-    return count
+            sees[index] = within & (gap_to_nearest_s(t_s, own) <= SEEN_WITHIN_S)
+    return sees
