@@ -10,7 +10,7 @@ MATHEMATICS := $(addprefix tests/calib/, geometry adjustment solving tracking)
 export OPENBLAS_NUM_THREADS ?= 1
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 
-.PHONY: setup demo test test-all test-rooms test-whole test-waiting test-field test-machine test-packages rehearse test-kernels fuzz peers check lock bundle clean
+.PHONY: setup demo test test-all test-rooms test-whole test-waiting test-tools test-field test-machine test-packages rehearse test-kernels fuzz peers check lock bundle clean
 
 setup: .venv/installed
 
@@ -29,7 +29,8 @@ demo: setup
 	$(BIN)/python -m tools.demo
 
 # The field tests mostly wait (for links to come back, for watchdogs): beside the others they cost hardly any time. The
-# installed machine comes after them: it works, and what waits is told late by a busy computer.
+# installed machine comes after them: it works, and what waits is told late by a busy computer. The tools come last, so that
+# both sides end at about the same time.
 test: check
 	$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-rooms test-whole
 
@@ -45,9 +46,13 @@ test-waiting: setup peers
 test-whole: setup
 	$(MAKE) --no-print-directory test-field
 	$(MAKE) --no-print-directory test-machine
+	$(MAKE) --no-print-directory test-tools
 
 test-rooms: setup
-	$(BIN)/python -m pytest --ignore=tests/field --ignore=tests/machine --ignore=tests/packages
+	$(BIN)/python -m pytest $(addprefix --ignore=tests/, field machine packages tools)
+
+test-tools: setup
+	$(BIN)/python -m pytest tests/tools
 
 test-field: setup
 	$(BIN)/python -m pytest tests/field
