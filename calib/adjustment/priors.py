@@ -108,15 +108,18 @@ def held(camera: Camera, prior: CameraPrior) -> Camera:
     )
 
 
-def misled_s(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> float:
-    """By how much the clock that the others were held against is off them, beyond what it states; 0 if it is not.
+def misled(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> bool:
+    """Whether the clock that the others were held against is off them, or off their pace, beyond what it states.
 
     All alike, the first by name is taken for the site's time. Where it is the one that is wrong, all others are off by
     the same, and the flight with them: nobody's word is the time, but what most of those say that know theirs.
     """
     bound_s = sites[time_reference(cameras, sites)].clock_bound_s
-    zero_s = cameras[0].clock_offset_s - on_site_time(cameras, sites)[0].clock_offset_s
-    return zero_s if bound_s is not None and abs(zero_s) > max(3 * bound_s, LEAST_MISLED_S) else 0.0
+    anew = on_site_time(cameras, sites)[0]
+    zero_s = cameras[0].clock_offset_s - anew.clock_offset_s
+    off = abs(zero_s) > max(3 * (bound_s or 0.0), LEAST_MISLED_S)
+    off_pace = abs(cameras[0].clock_rate - anew.clock_rate) > CONTRADICTING_RATE
+    return bound_s is not None and (off or off_pace)
 
 
 def on_site_time(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> tuple[Camera, ...]:
@@ -125,9 +128,20 @@ def on_site_time(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> t
     Anew for every set of cameras: the one the others were aligned to may be the one that was thrown out.
     """
     knowing = [camera for camera in cameras if _knows_its_time(sites[camera.id])]
-    offsets = sorted(camera.clock_offset_s for camera in knowing or cameras)
-    zero = min(offsets[(len(offsets) - 1) // 2], offsets[len(offsets) // 2], key=abs)
-    return tuple(replace(camera, clock_offset_s=camera.clock_offset_s - zero) for camera in cameras)
+    zero_s = _of_most([camera.clock_offset_s for camera in knowing or cameras])
+    rates = [camera.clock_rate for camera in knowing]
+    # Where one of them has left its bound, it may be the one that the others were held against.
+    pace = _of_most(rates) if max(map(abs, rates), default=0.0) > CONTRADICTING_RATE else 0.0
+    return tuple(
+        replace(camera, clock_offset_s=camera.clock_offset_s - zero_s, clock_rate=camera.clock_rate - pace)
+        for camera in cameras
+    )
+
+
+def _of_most(values: list[float]) -> float:
+    """The median; of two in the middle, the nearer to zero."""
+    ranked = sorted(values)
+    return min(ranked[(len(ranked) - 1) // 2], ranked[len(ranked) // 2], key=abs)
 
 
 def _knows_its_time(site: SiteCamera) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.adjustment.bundle import LAST_WEIGHT_ROUNDS, WEIGHT_ROUNDS, Adjusted, adjust
 from calib.adjustment.flight import FlightEstimate
-from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, misled_s, on_site_time
+from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, misled, on_site_time
 from calib.adjustment.problem import Problem
 from calib.adjustment.projection import ROTATION
 from calib.adjustment.weights import Weights
@@ -206,7 +206,7 @@ class _Attempt:
     def on_others_time(self) -> bool:
         """Adjust once more against the clocks that most agree on, if the one that was taken for the time is not one."""
         assert self.adjusted is not None
-        if self.retimed or not misled_s(self.adjusted.estimate.cameras, self.inputs.sites):
+        if self.retimed or not misled(self.adjusted.estimate.cameras, self.inputs.sites):
             return False
         self.retimed = True
         self._go_on(self.adjusted.estimate, self.initial.doubts)

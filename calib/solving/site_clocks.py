@@ -11,10 +11,12 @@ from enum import StrEnum
 from itertools import combinations
 from typing import Final
 
+import numpy as np
+
 from calib.adjustment.priors import ALIGNED_TO_S, trusted_clocks
 from calib.observations import SiteCamera
 from calib.solving.clock_consensus import CLEAR_SCORE, Clock, Pairs, Tied, consensus
-from calib.solving.clocks import CONVINCING, NEAR_S, Alignment, Candidate, align
+from calib.solving.clocks import CONVINCING, FASTEST_RATE, NEAR_S, Alignment, Candidate, align
 from calib.solving.series import TrackSeries
 
 CONFIRMED_BY: Final = 2  # cameras that tie another one firmly before the pairs left are spared
@@ -49,6 +51,9 @@ class CameraClock:
     contradicts: bool = False
 
 
+STAMPS_STAND: Final = CameraClock(Clock(), Origin.ASSUMED)
+
+
 def site_clocks(
     tracks: dict[str, list[TrackSeries]], sites: dict[str, SiteCamera], near_s: float = NEAR_S
 ) -> dict[str, CameraClock]:
@@ -57,24 +62,40 @@ def site_clocks(
     pairs, tied = _compared(tracks, trusted, near_s)
     tied = _against_reference(tied, sites, trusted, tracks)
     clocks = {name: _told(sites[name], tied.get(name), tracks, pairs) for name in sorted(tracks)}
+    return _with_stamps_that_stand(clocks, pairs)
+
+
+def _with_stamps_that_stand(clocks: dict[str, CameraClock], pairs: Pairs) -> dict[str, CameraClock]:
+    """The clocks, those that are unknown because the flight repeats itself taken as stamped where that fits as well."""
+    unknown = [name for name, own in clocks.items() if own.origin is Origin.UNKNOWN]
+    if unknown and _lost_as_stamped(list(pairs.values())) < len(pairs) * CLEAR_SCORE / 2:
+        # What was found for one camera hangs on another, which fits as well elsewhere.
+        near = {name for name, own in clocks.items() if abs(own.clock.offset_s) <= SAME_S and name not in unknown}
+        return {name: own if name in near else STAMPS_STAND for name, own in clocks.items()}
     found = [abs(own.clock.offset_s) for own in clocks.values() if own.origin is Origin.FOUND]
     if max(found, default=0.0) > SAME_S:
         return clocks  # then stamps are nobody's word
-    return clocks | {name: CameraClock(Clock(), Origin.ASSUMED) for name in _borne_out(clocks, pairs)}
+    return clocks | {name: STAMPS_STAND for name in unknown if _fits_as_stamped(name, pairs)}
 
 
-def _borne_out(clocks: dict[str, CameraClock], pairs: Pairs) -> list[str]:
-    """Cameras that have no clock because the flight repeats itself, and whose tracks fit all others' as stamped."""
-    unknown = [name for name, own in clocks.items() if own.origin is Origin.UNKNOWN]
-    own = {name: [alignment for pair, alignment in pairs.items() if name in pair] for name in unknown}
-    return [name for name in unknown if own[name] and all(map(_fits_as_stamped, own[name]))]
+def _fits_as_stamped(name: str, pairs: Pairs) -> bool:
+    """Whether each pair of a camera fits as stamped, and nowhere much better."""
+    lost = [_lost_as_stamped([alignment]) for pair, alignment in pairs.items() if name in pair]
+    return max(lost, default=np.inf) < CLEAR_SCORE
 
 
-def _fits_as_stamped(alignment: Alignment) -> bool:
-    """Whether a pair's tracks fit at the stamps as they are, and nowhere much better."""
-    best = max((candidate.likelihood for candidate in alignment.candidates), default=0.0)
-    stamped = alignment.as_stamped
-    return stamped is not None and stamped > CLEAR_SCORE and best < stamped + CLEAR_SCORE
+def _lost_as_stamped(alignments: list[Alignment]) -> float:
+    """The log likelihood by which each pair by itself fits better than as stamped; infinite if one does not fit there.
+
+    At the border of the rates that are searched no clock is found: there the tracks would rather run faster still.
+    """
+    lost = 0.0
+    for alignment in alignments:
+        if alignment.as_stamped is None or alignment.as_stamped <= CLEAR_SCORE:
+            return np.inf
+        inside = (one.likelihood for one in alignment.candidates if abs(one.rate) < FASTEST_RATE)
+        lost += max(0.0, max(inside, default=0.0) - alignment.as_stamped)
+    return lost if alignments else np.inf
 
 
 def _compared(
@@ -160,7 +181,7 @@ def _told(site: SiteCamera, tied: Tied | None, tracks: dict[str, list[TrackSerie
         return CameraClock(tied.clock, Origin.FOUND, tied.agreeing, gain=tied.gain, contradicts=contradicts)
     own = [alignment for pair, alignment in pairs.items() if site.id in pair]
     if own and (all(_says_nothing(alignment) for alignment in own) or _too_short(site.id, tracks, own)):
-        return CameraClock(Clock(), Origin.ASSUMED)
+        return STAMPS_STAND
     return CameraClock(Clock(), Origin.UNKNOWN, (), _tested(site.id, tracks, pairs))
 
 

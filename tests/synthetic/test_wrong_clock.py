@@ -83,6 +83,15 @@ def test_a_rounded_frame_rate_is_told_as_one_and_nobody_else_is_blamed() -> None
     assert_right(found)
 
 
+@pytest.mark.parametrize("cameras", [3, 4])
+def test_the_first_camera_at_an_odd_pace_is_named_and_not_all_others(cameras: int) -> None:
+    """All state the same bound, and the first by name is taken for the site's time: its pace was everybody's."""
+    odd = {"cam1": {"clock_rate": 30 / 29.97 - 1}}
+    found = solved(site(offsets_s=(0.0,) * cameras, each={"clock_bound_s": 5e-3}, special=odd, duration_s=90.0))
+    assert {name for finding in found.solution.report.findings for name in finding.cameras} == {"cam1"}
+    assert_right(found)
+
+
 def test_a_time_zone_is_found_and_named() -> None:
     def an_hour_ahead(simulated: Simulated) -> Scene:
         own = simulated.scene.observations["cam3"]

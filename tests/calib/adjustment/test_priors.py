@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from calib.adjustment.joint_prior import JointPrior
 from calib.adjustment.normal import Normal
-from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, misled_s, moved, time_reference
+from calib.adjustment.priors import FIXED, CameraPrior, camera_priors, held, misled, moved, time_reference
 from calib.adjustment.projection import CAMERA_SIZE, LENS, OFFSET, RATE, READOUT, ROTATION
 from calib.geometry.rotation import rotation
 from calib.network import Camera
@@ -104,12 +104,25 @@ def test_the_clock_with_the_smallest_bound_is_the_sites_time() -> None:
     assert reference.fixed[[OFFSET, RATE]].all()
 
 
-@pytest.mark.parametrize(("offsets_s", "misled"), [((0, 1, 1, 1), 0.1), ((0, -1, -1, -1), -0.1), ((0, 0, 1, 0), 0.0)])
-def test_the_time_is_what_most_say_that_know_theirs(offsets_s: tuple[float, ...], misled: float) -> None:
-    cameras = tuple(camera(0.1 * off, f"c{k}") for k, off in enumerate(offsets_s))
+@pytest.mark.parametrize(
+    ("offsets_s", "rates", "off"),
+    [
+        ((0, 0.1, 0.1, 0.1), (0, 0, 0, 0), True),
+        ((0, -0.1, -0.1, -0.1), (0, 0, 0, 0), True),
+        ((0, 0, 0.1, 0), (0, 0, 0, 0), False),
+        ((0, 0, 0, 0), (0, 1e-3, 1e-3, 1e-3), True),
+        ((0, 0, 0, 0), (0, 0, 1e-3, 0), False),
+        ((0, 0, 0, 0), (0, 2e-4, 2e-4, 2e-4), False),  # a bound of milliseconds is left no faster by a drifting crystal
+    ],
+)
+def test_the_time_and_its_pace_are_what_most_say_that_know_theirs(
+    offsets_s: tuple[float, ...], rates: tuple[float, ...], off: bool
+) -> None:
+    clocks = enumerate(zip(offsets_s, rates, strict=True))
+    cameras = tuple(replace(camera(offset_s, f"c{k}"), clock_rate=rate) for k, (offset_s, rate) in clocks)
     sites = {one.id: site(one.id, clock_bound_s=1e-3) for one in cameras}
-    assert misled_s(cameras, sites) == pytest.approx(misled)
-    assert misled_s(cameras, {name: site(name) for name in sites}) == 0.0, "of those that state nothing nobody knows"
+    assert misled(cameras, sites) is off
+    assert not misled(cameras, {name: site(name) for name in sites}), "of those that state nothing nobody knows"
 
 
 def test_a_bound_is_believed_until_the_tracks_contradict_it() -> None:
