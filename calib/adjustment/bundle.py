@@ -7,17 +7,19 @@ priors.py; the control points are eliminated as Triggs et al. (2000, section 6) 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from calib.adjustment.descent import descend
 from calib.adjustment.flight import FlightEstimate
-from calib.adjustment.normal import Factor, Normal, factorise
+from calib.adjustment.normal import Factor, Normal, factorise, local_covariance
 from calib.adjustment.problem import Point, Problem
 from calib.adjustment.projection import Projected
 from calib.adjustment.weights import Weights, renewed, steady
 from calib.errors import CalibrationError
+from edge.common.arrays import Array
 
 WEIGHT_ROUNDS: Final = 12  # of re-estimated weights; most problems settle in 5
 LAST_WEIGHT_ROUNDS: Final = 3  # with all rows, once a part of them is settled
@@ -36,6 +38,11 @@ class Adjusted:
     factor: Factor
     projected: tuple[Projected, ...]
     rounds: int
+
+    @cached_property
+    def flight_covariance(self) -> Array:
+        """(M - 3, 4, 3, 4, 3) of each run of four neighbouring control points, cameras held fixed."""
+        return local_covariance(self.normal.block)
 
     def told_sigma_px(self, index: int) -> float:
         """Sigma of a camera's rows against what they claim, no smaller than a picture tells.

@@ -115,11 +115,11 @@ def misled(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> bool:
     the same, and the flight with them: nobody's word is the time, but what most of those say that know theirs.
     """
     bound_s = sites[time_reference(cameras, sites)].clock_bound_s
-    anew = on_site_time(cameras, sites)[0]
-    zero_s = cameras[0].clock_offset_s - anew.clock_offset_s
-    off = abs(zero_s) > max(3 * (bound_s or 0.0), LEAST_MISLED_S)
-    off_pace = abs(cameras[0].clock_rate - anew.clock_rate) > CONTRADICTING_RATE
-    return bound_s is not None and (off or off_pace)
+    if bound_s is None:
+        return False
+    before, anew = cameras[0], on_site_time(cameras, sites)[0]
+    off = abs(before.clock_offset_s - anew.clock_offset_s) > max(3 * bound_s, LEAST_MISLED_S)
+    return off or abs(before.clock_rate - anew.clock_rate) > CONTRADICTING_RATE
 
 
 def on_site_time(cameras: tuple[Camera, ...], sites: dict[str, SiteCamera]) -> tuple[Camera, ...]:

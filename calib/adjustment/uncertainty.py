@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 
 from calib.adjustment.bundle import Adjusted
-from calib.adjustment.normal import local_covariance
 from calib.adjustment.problem import Problem
 from calib.adjustment.projection import Projected, unknowns_of
 from calib.geometry.spline import ORDER, Located
@@ -47,7 +46,7 @@ def position_covariance(adjusted: Adjusted, problem: Problem, located: Located) 
 def positions_by(cameras: Array, adjusted: Adjusted, located: Located) -> Array:
     """(N, 3, 3) the same, if (14 C, 14 C) were the covariance of all cameras' unknowns."""
     w, four = located.weights(), located.controls()
-    own = local_covariance(adjusted.normal.block)[located.first]
+    own = adjusted.flight_covariance[located.first]
     covariance = np.einsum("ni,niajb,nj->nab", w, own, w, optimize=True)
     carried = adjusted.factor.carried.reshape(-1, 3, len(cameras))
     moved = sum(w[:, i, None, None] * carried[four[:, i]] for i in range(ORDER))
@@ -78,7 +77,7 @@ def prediction_px2(adjusted: Adjusted, problem: Problem, index: int, image: Proj
     """
     w, four = image.located.weights(), image.located.controls()
     cameras = camera_covariance(adjusted, problem)
-    local = local_covariance(adjusted.normal.block)[image.located.first]
+    local = adjusted.flight_covariance[image.located.first]
     flight = np.einsum("ni,niajb,nj->nab", w, local, w, optimize=True)
     carried = adjusted.factor.carried.reshape(-1, 3, len(cameras))
     by_all = -image.by_point @ sum(w[:, i, None, None] * carried[four[:, i]] for i in range(ORDER))

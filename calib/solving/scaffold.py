@@ -6,7 +6,7 @@ points that the wrong pose triangulates are bent, and no pose of a third camera 
 several pairs are judged by how well the others resect into them, each pair in a scale of its own, never chained.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
@@ -52,19 +52,19 @@ class Known:
 class Scaffold:
     """Poses by camera in a frame of its own (the first of `pair` at the origin, their baseline 1).
 
-    points: the flight in that frame as (t_s (N,), points (N, 3), tracks of the pair (N, 2)).
+    points: the flight in that frame as (t_s (N,), points (N, 3), target (N,): each combination of the pair's tracks).
     """
 
     pair: tuple[str, str]
     poses: dict[str, Pose]
     t_s: Array
     points: Array
-    tracks: NDArray[np.int64]
+    target: NDArray[np.int64]
 
     @property
     def known(self) -> Known:
-        """The flight, each combination of the pair's tracks an object."""
-        return Known(self.t_s, self.points, np.unique(self.tracks, axis=0, return_inverse=True)[1].reshape(-1))
+        """The flight alone."""
+        return Known(self.t_s, self.points, self.target)
 
 
 def threshold_ray(tracks: list[list[TrackSeries]]) -> float:
@@ -133,8 +133,7 @@ def _candidates(
             continue
         share = _share_of_tracks(seen, combination, pose.inlier)
         poses = {pair[0]: Pose(np.eye(3), np.zeros(3), share), pair[1]: Pose(pose.R, centre, share)}
-        numbers = np.column_stack([seen.track1, seen.track2])
-        scaffold = Scaffold(pair, poses, seen.t_s[steep], points[steep], numbers[steep])
+        scaffold = Scaffold(pair, poses, seen.t_s[steep], points[steep], combination[steep])
         found.append(_with_others(scaffold, tracks, offsets))
     return found
 
@@ -153,7 +152,7 @@ def _with_others(scaffold: Scaffold, tracks: dict[str, list[TrackSeries]], offse
         pose = resect_camera(scaffold.known, tracks[name], offsets[name])
         if pose and pose.share >= FAIR_SHARE:
             poses[name] = pose
-    return Scaffold(scaffold.pair, poses, scaffold.t_s, scaffold.points, scaffold.tracks)
+    return replace(scaffold, poses=poses)
 
 
 def resect_camera(known: Known, tracks: list[TrackSeries], offset_s: float, fewest: int = FEWEST_POINTS) -> Pose | None:

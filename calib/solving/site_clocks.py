@@ -9,9 +9,8 @@ one that fits. So a stated bound is believed until the tracks contradict it beyo
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import combinations
+from math import inf
 from typing import Final
-
-import numpy as np
 
 from calib.adjustment.priors import ALIGNED_TO_S, trusted_clocks
 from calib.observations import SiteCamera
@@ -68,7 +67,7 @@ def site_clocks(
 def _with_stamps_that_stand(clocks: dict[str, CameraClock], pairs: Pairs) -> dict[str, CameraClock]:
     """The clocks, those that are unknown because the flight repeats itself taken as stamped where that fits as well."""
     unknown = [name for name, own in clocks.items() if own.origin is Origin.UNKNOWN]
-    if unknown and _lost_as_stamped(list(pairs.values())) < len(pairs) * CLEAR_SCORE / 2:
+    if unknown and sum(map(_lost_as_stamped, pairs.values())) < len(pairs) * CLEAR_SCORE / 2:
         # What was found for one camera hangs on another, which fits as well elsewhere.
         near = {name for name, own in clocks.items() if abs(own.clock.offset_s) <= SAME_S and name not in unknown}
         return {name: own if name in near else STAMPS_STAND for name, own in clocks.items()}
@@ -80,22 +79,20 @@ def _with_stamps_that_stand(clocks: dict[str, CameraClock], pairs: Pairs) -> dic
 
 def _fits_as_stamped(name: str, pairs: Pairs) -> bool:
     """Whether each pair of a camera fits as stamped, and nowhere much better."""
-    lost = [_lost_as_stamped([alignment]) for pair, alignment in pairs.items() if name in pair]
-    return max(lost, default=np.inf) < CLEAR_SCORE
+    lost = (_lost_as_stamped(alignment) for pair, alignment in pairs.items() if name in pair)
+    return max(lost, default=inf) < CLEAR_SCORE
 
 
-def _lost_as_stamped(alignments: list[Alignment]) -> float:
-    """The log likelihood by which each pair by itself fits better than as stamped; infinite if one does not fit there.
+def _lost_as_stamped(alignment: Alignment) -> float:
+    """The log likelihood by which a pair fits better somewhere than as stamped; infinite if it does not fit as stamped.
 
     At the border of the rates that are searched no clock is found: there the tracks would rather run faster still.
     """
-    lost = 0.0
-    for alignment in alignments:
-        if alignment.as_stamped is None or alignment.as_stamped <= CLEAR_SCORE:
-            return np.inf
-        inside = (one.likelihood for one in alignment.candidates if abs(one.rate) < FASTEST_RATE)
-        lost += max(0.0, max(inside, default=0.0) - alignment.as_stamped)
-    return lost if alignments else np.inf
+    stamped = alignment.as_stamped
+    if stamped is None or stamped <= CLEAR_SCORE:
+        return inf
+    inside = (one.likelihood for one in alignment.candidates if abs(one.rate) < FASTEST_RATE)
+    return max(0.0, max(inside, default=0.0) - stamped)
 
 
 def _compared(

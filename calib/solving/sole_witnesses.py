@@ -8,6 +8,7 @@ camera's word. This is external reliability (Baarda 1968): sigma is not wider fo
 true, but nobody may be told that it was checked.
 """
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -33,11 +34,9 @@ def sole_witnesses(adjusted: Adjusted, problem: Problem) -> tuple[str, ...]:
     """Cameras without whose own claims the flight would be far less certain. Source: Baarda (1968)."""
     located = _looks(adjusted.estimate.flight)
     stated = position_covariance(adjusted, problem, located)
-    cameras = adjusted.estimate.cameras
+    each = zip(adjusted.estimate.cameras, _each_disbelieved(adjusted, problem), strict=True)
     return tuple(
-        camera.id
-        for index, camera in enumerate(cameras)
-        if not _growth(stated, positions_by(_without(adjusted, problem, index), adjusted, located)) <= ALONE
+        camera.id for camera, without in each if not _growth(stated, positions_by(without, adjusted, located)) <= ALONE
     )
 
 
@@ -49,19 +48,19 @@ def _looks(flight: Flight) -> Located:
     return flight.locate(t_s.ravel(), np.repeat(np.arange(len(flight.start_s)), each))
 
 
-def _without(adjusted: Adjusted, problem: Problem, index: int) -> Array:
-    """(14 C, 14 C) covariance of all cameras' unknowns, if one's claims are not believed."""
+def _each_disbelieved(adjusted: Adjusted, problem: Problem) -> Iterator[Array]:
+    """(14 C, 14 C) covariance of all unknowns if one camera's claims are not believed: one camera after the other."""
     prior, covariance = problem.prior, settled_covariance(adjusted, problem)
-    own = np.zeros(len(covariance), bool)
-    own[unknowns_of(index)] = True
-    claimed = prior.covariance
-    disbelieved = claimed + np.diag(np.where(own[prior.known], DISBELIEVED**2 * np.diag(claimed), 0.0))
-    change = np.zeros_like(covariance)
-    change[np.ix_(prior.known, prior.known)] = np.linalg.inv(disbelieved) - np.linalg.inv(claimed)
-    free = np.ix_(*[np.diag(covariance) > 0] * 2)
-    without = np.zeros_like(covariance)
-    without[free] = np.linalg.inv(np.linalg.inv(covariance[free]) + change[free])
-    return without
+    known, free = (np.ix_(which, which) for which in (prior.known, np.diag(covariance) > 0))
+    information, claims = np.linalg.inv(covariance[free]), np.linalg.inv(prior.covariance)
+    for index in range(len(prior.cameras)):
+        own = np.zeros(len(covariance), bool)
+        own[unknowns_of(index)] = True
+        more = np.where(own[prior.known], DISBELIEVED**2 * np.diag(prior.covariance), 0.0)
+        change, without = np.zeros_like(covariance), np.zeros_like(covariance)
+        change[known] = np.linalg.inv(prior.covariance + np.diag(more)) - claims
+        without[free] = np.linalg.inv(information + change[free])
+        yield without
 
 
 def _growth(stated: Array, without: Array) -> float:

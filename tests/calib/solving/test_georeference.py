@@ -43,7 +43,7 @@ def scaffold(places: Array, seed: int = 2, mirror: Array | None = None) -> Scaff
         f"cam{k}": Pose(flip @ looking_at(place, np.array([0.0, 0.0, 40.0])) @ turn.T @ flip, own(place[None])[0], 1.0)
         for k, place in enumerate(places)
     }
-    return Scaffold(("cam0", "cam1"), poses, np.zeros(len(FLOWN)), own(FLOWN), np.zeros((len(FLOWN), 2), np.int64))
+    return Scaffold(("cam0", "cam1"), poses, np.zeros(len(FLOWN)), own(FLOWN), np.zeros(len(FLOWN), np.int64))
 
 
 def sites(surveyed: Array, **up_cam: Array) -> dict[str, SiteCamera]:
