@@ -22,9 +22,8 @@ JPEG_BEGIN: Final = b"\xff\xd8"
 JPEG_SIZES: Final = frozenset({0xC0, 0xC1, 0xC2})  # markers of the segments that say a picture's size
 SEQUENCE_HEADER: Final = b"\x00\x00\x01\xb3"  # of MPEG video; the size is in the three bytes after it
 MPEG4_PICTURE: Final = b"\x00\x00\x01\xb6"  # of MPEG-4 part 2, where that header is a time
-MOST_TRIALS: Final = (
-    8  # key frames of one file that are opened by themselves: parameters that change all the time say nothing
-)
+# Key frames of one file that are opened by themselves: parameters that change all the time say nothing.
+MOST_TRIALS: Final = 8
 # A parameter set up to the next unit, of H.264 (type 7) and of HEVC (type 33, layer 0).
 H264_SET: Final = re.compile(rb"\x00\x00\x01([\x07\x27\x47\x67].+?)(?=\x00\x00\x01|\x00\x00\x00|$)", re.DOTALL)
 HEVC_SET: Final = re.compile(rb"\x00\x00\x01(\x42\x01.+?)(?=\x00\x00\x01|\x00\x00\x00|$)", re.DOTALL)

@@ -48,13 +48,19 @@ class StandingStill:
 
 def is_same(before: Any, image: Any) -> bool:
     """Whether a picture is the one before, None for none. An even one never is: black is black again."""
-    if before is None or before.shape != image.shape:
+    if not looks_same(before, image):
         return False
-    rows = image[::SAMPLED_EVERY]
-    if not np.array_equal(before[::SAMPLED_EVERY], rows):
-        return False
-    low, high = np.percentile(rows, EVEN_PERCENTILES)
+    low, high = np.percentile(image[::SAMPLED_EVERY], EVEN_PERCENTILES)
     return bool(high - low >= EVEN_RANGE) and np.array_equal(before, image)
+
+
+def looks_same(before: Any, image: Any) -> bool:
+    """Whether one row in so many is that of the picture before, None for none: even pictures look the same too."""
+    return (
+        before is not None
+        and before.shape == image.shape
+        and np.array_equal(before[::SAMPLED_EVERY], image[::SAMPLED_EVERY])
+    )
 
 
 class StillFor:
@@ -78,12 +84,12 @@ class Repeats:
     """
 
     def __init__(self) -> None:
-        self._last: Any = None
+        self.last: Any = None
         self._run = 0
 
     def goes_on(self, image: Any) -> bool:
         """Whether a picture is one more of a row that stands still."""
-        same = is_same(self._last, image)
-        self._last = image
+        same = is_same(self.last, image)
+        self.last = image
         self._run = self._run + 1 if same else 0
         return self._run > REPEATS_ALLOWED

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import cv2
-import numpy as np
 
 from edge.capture.decoding import DEEP_GREY_ARGS, TRIED_GRABS, fourcc, opened, picture_at, probe, retrieve_luma
 from edge.capture.file_times import RATES_ALIKE, FileTimes, carry_times, has_no_container, usual_interval_s
 from edge.capture.frame import Image, Picture, Remark
 from edge.capture.grey import Contrast, as_wanted
 from edge.capture.packets import PacketWitness
-from edge.capture.standing_still import Repeats
+from edge.capture.standing_still import Repeats, looks_same
 from edge.common.errors import SourceError
 
 log = logging.getLogger(__name__)
@@ -26,7 +25,6 @@ log = logging.getLogger(__name__)
 UNDATED_FPS: Final = 1.0  # where times do not matter
 SHORT_END_S: Final = 1.0  # s by which a file may end before its own length without a word: audio runs on
 SHORT_END_SHARE: Final = 0.02  # and this share of its length
-SAMPLED_ROWS: Final = 16  # one row in so many tells whether a picture is the one before
 DOUBTED_REPEATS: Final = 2  # pictures equal to the one before that are decoded again by themselves, early in a file
 DOUBTED_WITHIN: Final = 150  # frames: decoding up to a later one would take too long
 STANDS_STILL: Final = "are the one before again"
@@ -106,7 +104,6 @@ class VideoFile:
         self._end_ms = 0.0
         self._t0_unix_ns = t0_unix_ns
         self._last_pts: float | None = None
-        self._sample: Image | None = None
         self._lost = 0
         self._repeats = 0
 
@@ -230,12 +227,10 @@ class VideoFile:
 
     def _doubt_repeats(self, image: Image) -> None:
         """A picture equal to the last may be one that the decoder left as it was: see whether it decodes by itself."""
-        sample, before = image[::SAMPLED_ROWS], self._sample
-        self._sample = sample
         index = self._times.count - 1
-        if before is None or index > DOUBTED_WITHIN or self._repeats >= DOUBTED_REPEATS:
+        if index > DOUBTED_WITHIN or self._repeats >= DOUBTED_REPEATS:
             return
-        if before.shape == sample.shape and np.array_equal(before, sample):
+        if looks_same(self._stills.last, image):
             self._repeats += 1
             picture_at(self._path, index, luma=self._raw)
 

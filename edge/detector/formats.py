@@ -32,9 +32,8 @@ YOLOX_STRIDES: Final = (8, 16, 32)
 ANCHORS_A_CELL: Final = 3  # of YOLOv3, v5 and v7
 FEWEST_ANCHORS: Final = 1000  # rows: no DETR has so many queries, and no grid of a useful input so few
 SHARES_REACH: Final = 2.0  # of a picture that a box may reach to: beyond it, numbers are pixels
-NOWHERE_LIKELY: Final = (
-    0.05  # score of a class, given that there is an object: one of them is more likely, if only at chance
-)
+# Score of a class, given that there is an object: one of them is more likely, if only at chance.
+NOWHERE_LIKELY: Final = 0.05
 IMAGENET_MEAN: Final = (0.485, 0.456, 0.406)  # RGB, what DETR backbones were trained with
 IMAGENET_STD: Final = (0.229, 0.224, 0.225)
 
