@@ -100,18 +100,19 @@ def seen(scene: Scene, seed: int, each: int, tally: Tally) -> Seconds:
         except Exception as error:  # noqa: BLE001  # what is counted here
             tally.raised[f"{type(error).__name__}: {str(error)[:80]}"] += 1
             continue
-        found.update(_true(scene, target) for target in targets if target.state == "confirmed")
-    found.discard((-1, -1))
+        places = (_true(scene, target) for target in targets if target.state == "confirmed")
+        found.update(place for place in places if place is not None)
     if each:
         tally.named.update(station.calibration.suspects.keys())
     return found
 
 
-def _true(scene: Scene, target: OutgoingTarget) -> tuple[int, int]:
+def _true(scene: Scene, target: OutgoingTarget) -> tuple[int, int] | None:
+    """The second and the object that a target is of; None if it is of none."""
     off = scene.positions(target.t_unix_ns) - target.position_enu
     nearest = int(np.argmin(np.linalg.norm(off, axis=1)))
     if not np.linalg.norm(off[nearest]) < NEAR_SIGMAS * np.sqrt(np.trace(target.position_covariance_enu)):
-        return -1, -1
+        return None
     return (target.t_unix_ns - T0_UNIX_NS) // NS, nearest
 
 
