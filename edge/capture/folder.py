@@ -28,6 +28,13 @@ IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".web
 FOLLOW_POLL_S: Final = 0.2  # how often a growing folder is looked at
 ENDS: Final = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9", ".png": b"IEND"}  # what a whole picture has towards its end
 JPEG_SCAN: Final = b"\xff\xda"  # after the last of these comes the picture itself; a thumbnail lies before
+CUT_OFF: Final = "cut off or no pictures"
+STRANGE_NAME: Final = "named without the time of others"
+# Why files are left out, and what to do about it.
+LEFT_OUT: Final = {
+    CUT_OFF: "have each written under another name and renamed when whole",
+    STRANGE_NAME: "name them as the others are, or keep them in another folder",
+}
 FOLDER_FPS: Final = 30.0  # where neither names nor anybody says how many a second: pictures need some time to be shown
 
 
@@ -98,7 +105,7 @@ class ImageFolder:
             image, t_unix_ns = self._image(file), self._stamp_ns(file)
             if image is not None and t_unix_ns is not None:
                 return self._picture(image, t_unix_ns)
-            self._leave_out("cut off or no pictures" if image is None else "named without the time of others", file)
+            self._leave_out(CUT_OFF if image is None else STRANGE_NAME, file)
         if self._left_out and not self._count:
             raise SourceError(
                 "is no image that can be read", where=str(self._last_out), action="give a folder of images"
@@ -115,7 +122,7 @@ class ImageFolder:
         self._left_out[why] += 1
         self._last_out = file
         said = f"{self._left_out[why]} files are {why} and left out, {file.name} the last of them"
-        self._remarks[why] = Remark(said, "have each written under another name and renamed when whole")
+        self._remarks[why] = Remark(said, LEFT_OUT[why])
 
     def _image(self, file: Path) -> NDArray[Any] | None:
         """A file's picture; None if it is cut off, empty or none at all."""

@@ -128,7 +128,8 @@ def test_a_name_of_another_kind_is_left_out_and_never_dated(tmp_path: Path, stra
         T0 + k * 40 * MS: k for k in range(len(frames))
     }
     assert len(frames) >= 10
-    assert any(f"{stray}.png" in remark.what for remark in source.remarks)
+    (said,) = (remark for remark in source.remarks if f"{stray}.png" in remark.what)
+    assert "name them as the others" in said.action
 
 
 def test_a_folder_that_goes_away_or_is_empty_is_an_error(tmp_path: Path) -> None:
